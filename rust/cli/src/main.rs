@@ -1,0 +1,2 @@
+//! The `boxline` program.
+fn main() {}

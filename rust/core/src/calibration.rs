@@ -1,0 +1,99 @@
+//! The calibration of one head: camera and four laser planes, checked once and immutable afterwards.
+
+use crate::camera::CameraModel;
+use crate::error::{Error, ErrorKind};
+use crate::frames::{Cam, Plane};
+use crate::units::LaserId;
+use nalgebra::Vector3;
+
+/// A head's calibration. Built only by [`Calibration::new`], which checks every number.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Calibration {
+    serial: String,
+    width_px: u32,
+    height_px: u32,
+    camera: CameraModel,
+    lasers: [Plane<Cam>; 4],
+}
+
+impl Calibration {
+    /// Checks and keeps a calibration. `laser_planes` are (a, b, c, d) of `a x + b y + c z + d = 0` in `Cam`, mm.
+    ///
+    /// # Errors
+    /// [`ErrorKind::InvalidCalibration`], naming the number: not finite, a plane through the camera's centre, or a pair
+    /// of planes that is no pair.
+    pub fn new(
+        serial: impl Into<String>,
+        image_size_px: [u32; 2],
+        camera: CameraModel,
+        laser_planes: [[f64; 4]; 4],
+    ) -> Result<Self, Error> {
+        let invalid = |text: String| Error::new(ErrorKind::InvalidCalibration, text);
+        let [width_px, height_px] = image_size_px;
+        if !(64..=16_384).contains(&width_px) || !(64..=16_384).contains(&height_px) {
+            return Err(invalid(format!(
+                "image_size is {width_px} x {height_px} px, 64 to 16384 px each are allowed"
+            )));
+        }
+        camera.check()?;
+        let mut lasers = [Plane::new(Vector3::zeros()); 4];
+        for ((plane, id), [a, b, c, d]) in lasers.iter_mut().zip(LaserId::ALL).zip(laser_planes) {
+            if ![a, b, c, d].iter().all(|x| x.is_finite()) {
+                return Err(invalid(format!("laser_planes: plane {id} has a number that is not finite")));
+            }
+            let normal = Vector3::new(a, b, c);
+            let distance_mm = d.abs() / normal.norm();
+            if !(distance_mm > 1.0 && distance_mm < 10_000.0) {
+                return Err(invalid(format!(
+                    "laser_planes: plane {id} is {distance_mm:.3} mm from the camera's centre, 1 to 10000 mm are allowed"
+                )));
+            }
+            *plane = Plane::new(-normal / d);
+        }
+        let calibration = Self { serial: serial.into(), width_px, height_px, camera, lasers };
+        for (first, second) in [(0, 1), (2, 3)] {
+            let (n1, n2) = (calibration.lasers[first].per_mm, calibration.lasers[second].per_mm);
+            let angle = n1.angle(&n2).min(n1.angle(&-n2));
+            let cross = n1.angle(&calibration.lasers[(first + 2) % 4].per_mm);
+            // A pair is nearly parallel, the two pairs cross: half way between is the most that either may stray.
+            if angle > std::f64::consts::FRAC_PI_4 || (cross.sin()) < std::f64::consts::FRAC_1_SQRT_2 {
+                return Err(invalid(format!(
+                    "laser_planes: planes {} and {} are no pair of a 2 x 2 grid",
+                    first + 1,
+                    second + 1
+                )));
+            }
+        }
+        Ok(calibration)
+    }
+
+    /// Serial number of the head.
+    #[must_use]
+    pub fn serial(&self) -> &str {
+        &self.serial
+    }
+
+    /// Image width in px.
+    #[must_use]
+    pub const fn width_px(&self) -> u32 {
+        self.width_px
+    }
+
+    /// Image height in px.
+    #[must_use]
+    pub const fn height_px(&self) -> u32 {
+        self.height_px
+    }
+
+    /// The camera.
+    #[must_use]
+    pub const fn camera(&self) -> &CameraModel {
+        &self.camera
+    }
+
+    /// The plane of one laser in `Cam`.
+    #[must_use]
+    pub const fn laser(&self, id: LaserId) -> &Plane<Cam> {
+        &self.lasers[id.index()]
+    }
+}

@@ -1,0 +1,27 @@
+//! boxline measures boxes from two pictures with four laser stripes.
+//!
+//! Data flows one way: frame, stripes, face plane, edges, rectangle, box; only [`pipeline`] knows all stages. A bad view
+//! is a [`Reject`] with numbers; an [`Error`] is a broken input; a panic is a bug.
+//! Conventions (frames, units, pixel origin): `rust/CONVENTIONS.md`.
+#![forbid(unsafe_code)]
+
+pub mod calibration;
+pub mod camera;
+pub mod error;
+pub mod frames;
+pub mod image;
+pub mod measurement;
+pub mod pipeline;
+pub mod reject;
+pub mod units;
+
+pub use calibration::Calibration;
+pub use camera::CameraModel;
+pub use error::{Error, ErrorKind};
+pub use image::Frame;
+pub use measurement::{
+    BoxMeasurement, BoxReport, EdgeMethod, FaceMeasurement, FaceOutcome, Method, Outcome, Settings, StageTimes,
+};
+pub use pipeline::{measure_box, measure_face};
+pub use reject::Reject;
+pub use units::{Estimate, LaserId, Px, Volume};

@@ -1,0 +1,104 @@
+//! Results: what a frame tells about one face, what two frames tell about a box, and the settings that choose the way.
+
+use crate::frames::{Cam, Plane, Point};
+use crate::reject::Reject;
+use crate::units::{Estimate, Px, Volume};
+
+/// How the sides are computed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Method {
+    /// Joint fit of a rectangle to all stripe and edge pixels (the default).
+    #[default]
+    Fit,
+    /// The paper's eight key points, eqs. 5-11.
+    Keypoints,
+}
+
+/// How the edges of the face are found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum EdgeMethod {
+    /// Gradients along the normals of the predicted edge lines, sub-pixel (the default).
+    #[default]
+    Gradient,
+    /// The paper's chain: edge map, Hough transform (eq. 20), clustering, line fits.
+    Hough,
+}
+
+/// What the caller may choose. `Default` is what the courier uses.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Settings {
+    /// How the sides are computed.
+    pub method: Method,
+    /// How the edges are found.
+    pub edges: EdgeMethod,
+    /// Settles an A x A x B box: 0 for the first candidate, 1 for the second.
+    pub choose: Option<usize>,
+}
+
+/// One measured face. Sides: corners 0-1 and 3-2 are `length` edges, 1-2 and 0-3 `width` edges.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FaceMeasurement {
+    /// The longer side.
+    pub length: Estimate,
+    /// The shorter side.
+    pub width: Estimate,
+    /// The plane of the face.
+    pub plane: Plane<Cam>,
+    /// Corners of the sharp face on the sensor, going round.
+    pub corners_px: [Px; 4],
+    /// The same corners in the camera frame.
+    pub corners: [Point<Cam>; 4],
+    /// D1..D8: where stripe i (index 0-3) crosses the two edges of the face.
+    pub key_points_px: [[Px; 2]; 4],
+    /// Root mean square of all stripe and edge residuals, px.
+    pub rms_px: f64,
+    /// Stripe points that were used, thinned; per laser. For overlays.
+    pub stripe_points_px: [Vec<Px>; 4],
+    /// Edge points that were used, per side (0: corner 0-1, 1: 1-2, 2: 2-3, 3: 3-0). For overlays.
+    pub edge_points_px: [Vec<Px>; 4],
+}
+
+/// Three sides and the volume, sorted: length >= width >= height.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BoxMeasurement {
+    /// Longest side.
+    pub length: Estimate,
+    /// Middle side.
+    pub width: Estimate,
+    /// Shortest side.
+    pub height: Estimate,
+    /// length x width x height.
+    pub volume: Volume,
+}
+
+/// What one frame gives.
+#[derive(Clone, Debug, PartialEq)]
+pub enum FaceOutcome {
+    /// The face was measured.
+    Measured(Box<FaceMeasurement>),
+    /// The view cannot be measured.
+    Rejected(Reject),
+}
+
+/// What a pair of frames gives.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Outcome {
+    /// The box was measured.
+    Measured(BoxMeasurement),
+    /// Both frames show A x B: the box is A x A x B or A x B x B. Both candidates, the more likely first.
+    Ambiguous([BoxMeasurement; 2]),
+    /// The view cannot be measured.
+    Rejected(Reject),
+}
+
+/// The outcome of a measurement with everything that led to it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BoxReport {
+    /// The result.
+    pub outcome: Outcome,
+    /// The two frames' own results, first and second frame.
+    pub faces: [FaceOutcome; 2],
+}
+
+/// Time spent in each stage in nanoseconds, in the order in which the stages ran. Only filled by `*_timed` calls.
+pub type StageTimes = Vec<(&'static str, u64)>;
