@@ -13,6 +13,7 @@ pub mod image;
 pub mod measurement;
 pub mod pipeline;
 pub mod reject;
+pub mod stripe;
 pub mod units;
 
 pub use calibration::Calibration;

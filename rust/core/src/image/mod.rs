@@ -1,5 +1,7 @@
 //! Storage and sampling of pixels; knows no geometry.
 
+pub(crate) mod redness;
+
 use crate::error::{Error, ErrorKind};
 use zune_core::bytestream::ZCursor;
 use zune_core::colorspace::ColorSpace;

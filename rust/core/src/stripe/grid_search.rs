@@ -1,0 +1,219 @@
+//! Finds the plane on which the four stripes form their 2 x 2 grid, without finding single stripes first.
+//!
+//! Stripes i (1, 2) and j (3, 4) cross inside every measurable face, because each joins two opposite edges of it. The
+//! crossing (i, j) lies on the line where two laser planes meet, so its place in the image is linear in its inverse depth
+//! `w`. The stripe between two crossings depends on just their two inverse depths: four tables `E_k(w, w')` of the mean
+//! ridge strength hold all evidence, and a plane (three inverse depths, the fourth follows) is scored by four look-ups.
+//! Adding up some 400 px on each of four segments finds stripes that no single pixel shows.
+
+use crate::calibration::Calibration;
+use crate::frames::{Cam, Plane, Ray};
+use crate::image::redness::{RidgeMap, Z_STEPS};
+use crate::units::LaserId;
+use nalgebra::{Matrix3, Vector3};
+
+/// A plane on which the stripe grid was found.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct GridHypothesis {
+    pub plane: Plane<Cam>,
+    /// Mean ridge strength of the inner segment of each stripe, sigmas (clipped at 3).
+    pub strength: [f32; 4],
+}
+
+impl GridHypothesis {
+    /// Mean of the four.
+    pub fn total(&self) -> f32 {
+        self.strength.iter().sum::<f32>() / 4.0
+    }
+
+    /// The weakest of the four.
+    pub fn weakest(&self) -> f32 {
+        self.strength.iter().copied().fold(f32::INFINITY, f32::min)
+    }
+}
+
+/// Distances searched, mm. The paper's range of sizes needs 0.35 to 2.45 m; beyond this the grid does not fit.
+const NEAREST_MM: f64 = 200.0;
+const FARTHEST_MM: f64 = 4000.0;
+/// Step of a crossing in the image between two levels, px: a stripe is at least 6 px wide at half its height.
+const STEP_PX: f64 = 4.0;
+/// Largest ratio of the inverse depths of two neighbouring crossings: they are 0.17 z apart, at 60 degrees of tilt 1.35.
+const MAX_RATIO: f64 = 1.5;
+/// cos of the largest tilt between the face's normal and the ray to its middle (65 degrees).
+const MIN_COS_TILT: f64 = 0.42;
+/// One sample every so many px; the ridge map adds up 10 px along the diagonal already.
+const SAMPLE_PX: f32 = 9.0;
+/// A segment weaker than this (sigmas) starts no hypothesis. Pure noise has a mean of -0.56 (a minimum of two) and, with
+/// 45 samples, a scatter of 0.15: 0.05 is four of those above.
+const MIN_SEGMENT: f32 = 0.05;
+/// No segment that was sampled.
+const NONE: f32 = -9.0;
+
+/// The crossing of two stripes at each level of inverse depth.
+struct Crossing {
+    /// (x, y) = origin + w * slope in the ideal image.
+    origin: [f64; 2],
+    slope: [f64; 2],
+    /// Sensor position per level, `None` outside the image.
+    px: Vec<Option<[f32; 2]>>,
+}
+
+impl Crossing {
+    fn ray(&self, w: f64) -> Vector3<f64> {
+        Vector3::new(self.origin[0] + w * self.slope[0], self.origin[1] + w * self.slope[1], 1.0)
+    }
+}
+
+/// Where planes `i` and `j` meet: `p_i . x = w` and `p_j . x = w`.
+fn crossing_line(calibration: &Calibration, i: LaserId, j: LaserId) -> ([f64; 2], [f64; 2]) {
+    let (p, q) = (calibration.laser(i).per_mm, calibration.laser(j).per_mm);
+    let det = p.x * q.y - p.y * q.x; // never 0: Calibration::new checks that the pairs cross
+    let solve = |a: f64, b: f64| [(a * q.y - b * p.y) / det, (p.x * b - q.x * a) / det];
+    (solve(-p.z, -q.z), solve(1.0, 1.0))
+}
+
+/// The best planes, strongest first, at most `keep`, distinct in the image. `down` and `up` are the maps for the pair of
+/// lasers 1, 2 and the pair 3, 4.
+pub(crate) fn find_planes(
+    calibration: &Calibration,
+    first_pair: &RidgeMap,
+    second_pair: &RidgeMap,
+    keep: usize,
+) -> Vec<GridHypothesis> {
+    let [l1, l2, l3, l4] = LaserId::ALL;
+    let camera = calibration.camera();
+    let lines = [(l1, l3), (l1, l4), (l2, l3), (l2, l4)].map(|(i, j)| crossing_line(calibration, i, j));
+    let fastest = lines.iter().map(|(_, s)| s[0].hypot(s[1])).fold(0.0, f64::max) * camera.fx.max(camera.fy);
+    let step = STEP_PX / fastest;
+    let (w_min, w_max) = (1.0 / FARTHEST_MM, 1.0 / NEAREST_MM);
+    let levels = (((w_max - w_min) / step) as usize).clamp(2, 2000) + 1;
+    let w_of = |level: usize| w_min + level as f64 * step;
+    let (right, bottom) = (f64::from(calibration.width_px()) - 0.5, f64::from(calibration.height_px()) - 0.5);
+    let crossings = lines.map(|(origin, slope)| {
+        let mut crossing = Crossing { origin, slope, px: Vec::new() };
+        crossing.px = (0..levels)
+            .map(|n| {
+                let x = crossing.ray(w_of(n));
+                camera
+                    .px_from_ray(&Ray::new(x.x, x.y))
+                    .filter(|p| p.u > -0.5 && p.u < right && p.v > -0.5 && p.v < bottom)
+                    .map(|p| [p.u as f32, p.v as f32])
+            })
+            .collect();
+        crossing
+    });
+    let [c13, c14, c23, c24] = &crossings;
+    let table = |from: &Crossing, to: &Crossing, map: &RidgeMap| {
+        let mut e = vec![NONE; levels * levels];
+        for n in 0..levels {
+            let Some(a) = from.px[n] else { continue };
+            for m in 0..levels {
+                let (lo, hi) = (w_of(n.min(m)), w_of(n.max(m)));
+                let Some(b) = to.px[m] else { continue };
+                if hi > MAX_RATIO * lo {
+                    continue;
+                }
+                let middle = (from.ray(w_of(n)) + to.ray(w_of(m))) * 0.5;
+                if let Some(c) = camera.px_from_ray(&Ray::new(middle.x, middle.y)) {
+                    e[n * levels + m] = mean_along(map, a, [c.u as f32, c.v as f32], b);
+                }
+            }
+        }
+        e
+    };
+    let e1 = table(c13, c14, first_pair);
+    let e2 = table(c23, c24, first_pair);
+    let e3 = table(c13, c23, second_pair);
+    let e4 = table(c14, c24, second_pair);
+
+    let mut best = Best::new(keep);
+    for n13 in 0..levels {
+        let row1: Vec<usize> = (0..levels).filter(|m| e1[n13 * levels + m] > MIN_SEGMENT).collect();
+        let row3: Vec<usize> = (0..levels).filter(|m| e3[n13 * levels + m] > MIN_SEGMENT).collect();
+        let x13 = c13.ray(w_of(n13));
+        for &n14 in &row1 {
+            let x14 = c14.ray(w_of(n14));
+            for &n23 in &row3 {
+                let x23 = c23.ray(w_of(n23));
+                let (s1, s3) = (e1[n13 * levels + n14], e3[n13 * levels + n23]);
+                if s1 + s3 + 6.0 <= best.floor() {
+                    continue; // even two perfect segments would not be enough
+                }
+                let rows = Matrix3::from_rows(&[x13.transpose(), x14.transpose(), x23.transpose()]);
+                let Some(inverse) = rows.try_inverse() else { continue };
+                let q = inverse * Vector3::new(w_of(n13), w_of(n14), w_of(n23));
+                let (p2, p4) = (calibration.laser(l2).per_mm, calibration.laser(l4).per_mm);
+                let x = (q - p2).cross(&(q - p4));
+                if x.z.abs() < 1e-15 {
+                    continue;
+                }
+                let x24 = x / x.z;
+                let level = (q.dot(&x24) - w_min) / step + 0.5;
+                if !(level >= 0.0 && level < levels as f64) {
+                    continue;
+                }
+                let n24 = level as usize;
+                let (s2, s4) = (e2[n23 * levels + n24], e4[n14 * levels + n24]);
+                let sum = s1 + s2 + s3 + s4;
+                if s2 <= MIN_SEGMENT || s4 <= MIN_SEGMENT || sum <= best.floor() {
+                    continue;
+                }
+                let middle = (x13 + x14 + x23 + x24) * 0.25;
+                if q.dot(&middle) / (q.norm() * middle.norm()) < MIN_COS_TILT {
+                    continue;
+                }
+                best.offer(sum, [n13, n14, n23, n24], q, [s1, s2, s3, s4]);
+            }
+        }
+    }
+    best.into_hypotheses()
+}
+
+/// Mean of the map along the parabola through three pixels, sigmas.
+fn mean_along(map: &RidgeMap, a: [f32; 2], middle: [f32; 2], b: [f32; 2]) -> f32 {
+    let length = (b[0] - a[0]).hypot(b[1] - a[1]);
+    let count = (length / SAMPLE_PX).ceil().max(8.0);
+    let bend = [0, 1].map(|i| middle[i] - 0.5 * (a[i] + b[i]));
+    let mut sum = 0;
+    let steps = count as i32;
+    for s in 0..=steps {
+        let t = s as f32 / count;
+        let k = 4.0 * t * (1.0 - t);
+        sum += map.at_px(a[0] + (b[0] - a[0]) * t + bend[0] * k, a[1] + (b[1] - a[1]) * t + bend[1] * k);
+    }
+    sum as f32 / (steps + 1) as f32 / Z_STEPS
+}
+
+/// The strongest hypotheses so far; a new one replaces those that lie beside it.
+struct Best {
+    keep: usize,
+    entries: Vec<(f32, [usize; 4], GridHypothesis)>,
+}
+
+/// Two hypotheses are one if no crossing differs by more levels than this (24 px).
+const SAME_LEVELS: usize = 6;
+
+impl Best {
+    fn new(keep: usize) -> Self {
+        Self { keep, entries: Vec::with_capacity(keep + 1) }
+    }
+
+    fn floor(&self) -> f32 {
+        if self.entries.len() < self.keep { 0.0 } else { self.entries.last().map_or(0.0, |e| e.0) }
+    }
+
+    fn offer(&mut self, sum: f32, levels: [usize; 4], q: Vector3<f64>, strength: [f32; 4]) {
+        let near = |other: &[usize; 4]| levels.iter().zip(other).all(|(a, b)| a.abs_diff(*b) <= SAME_LEVELS);
+        if self.entries.iter().any(|(s, l, _)| *s >= sum && near(l)) {
+            return;
+        }
+        self.entries.retain(|(_, l, _)| !near(l));
+        let at = self.entries.partition_point(|(s, _, _)| *s >= sum);
+        self.entries.insert(at, (sum, levels, GridHypothesis { plane: Plane::new(q), strength }));
+        self.entries.truncate(self.keep);
+    }
+
+    fn into_hypotheses(self) -> Vec<GridHypothesis> {
+        self.entries.into_iter().map(|(_, _, h)| h).collect()
+    }
+}
