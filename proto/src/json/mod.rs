@@ -1,0 +1,18 @@
+//! The JSON formats, in one place: calibrations, recordings, boards, truth files (read and written) and reports (written).
+//!
+//! All lengths are mm, pixel positions are (u, v) with (0, 0) at the centre of the top-left pixel. Readers ignore keys
+//! that they do not know; an unknown `format`, a missing key, a wrong type, a number that is not finite and a list of the
+//! wrong length are errors of the form `file: field: found, needed`. Files over 64 MB are refused unread.
+
+mod calibration;
+mod field;
+mod file;
+mod recording;
+mod report;
+mod truth;
+
+pub use calibration::{calibration_json, parse_calibration, read_calibration};
+pub use file::write_json;
+pub use recording::{Laser, RecordedFrame, Recording, Role, parse_recording, read_recording, recording_json};
+pub use report::{face_json, report_json};
+pub use truth::{Board, Truth, TruthFace, parse_board, parse_truth, read_board, read_truth};

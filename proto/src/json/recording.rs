@@ -1,0 +1,141 @@
+//! `recording.json`, format `boxline-recording/1`: which frames a folder holds and which calibration belongs to them.
+
+use super::field::{Field, parse};
+use super::file;
+use boxline::{Error, ErrorKind};
+use serde_json::{Value, json};
+use std::path::{Component, Path, PathBuf};
+
+const FORMAT: &str = "boxline-recording/1";
+const ROLES: [(&str, Role); 2] = [("face", Role::Face), ("board", Role::Board)];
+const LASERS: [(&str, Laser); 2] = [("on", Laser::On), ("off", Laser::Off)];
+
+/// What a frame shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Role {
+    /// One face of a box.
+    Face,
+    /// The calibration board.
+    Board,
+}
+
+/// Whether the lasers were on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Laser {
+    /// All four on.
+    On,
+    /// All four off.
+    Off,
+}
+
+/// A frame of a recording.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RecordedFrame {
+    /// Its name in the recording, unique there: `a`, `b`, `a_off`, ...
+    pub id: String,
+    /// The JPEG, resolved: the recording's folder joined with the path in the file.
+    pub file: PathBuf,
+    /// What it shows.
+    pub role: Role,
+    /// Whether the lasers were on.
+    pub laser: Laser,
+}
+
+/// A folder of frames.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Recording {
+    /// The folder, as it was given.
+    pub folder: PathBuf,
+    /// Serial number of the head.
+    pub serial: String,
+    /// The head's calibration, resolved like the frames' files.
+    pub calibration_file: PathBuf,
+    /// The frames in the file's order.
+    pub frames: Vec<RecordedFrame>,
+}
+
+/// Reads `recording.json` of a folder. The files that it names are not opened.
+///
+/// # Errors
+/// [`ErrorKind::Io`] if it cannot be read, else [`ErrorKind::InvalidFile`], naming file and field.
+pub fn read_recording(folder: &Path) -> Result<Recording, Error> {
+    let path = folder.join("recording.json");
+    parse_recording(&file::read(&path)?, &path.display().to_string(), folder)
+}
+
+/// Reads a recording from bytes; `name` goes into the errors, `folder` in front of the paths.
+///
+/// # Errors
+/// [`ErrorKind::InvalidFile`], naming `name` and the field.
+pub fn parse_recording(bytes: &[u8], name: &str, folder: &Path) -> Result<Recording, Error> {
+    let value = parse(bytes, name, ErrorKind::InvalidFile)?;
+    let root = Field::root(&value, name, ErrorKind::InvalidFile);
+    root.check_format(FORMAT)?;
+    let serial = root.get("device")?.get("serial")?.text()?.to_owned();
+    let calibration_file = resolved(&root.get("calibration")?, folder)?;
+    let mut frames: Vec<RecordedFrame> = Vec::new();
+    for frame in root.get("frames")?.list()? {
+        let id = frame.get("id")?.text()?;
+        if frames.iter().any(|f| f.id == id) {
+            return Err(frame.get("id")?.error("another frame has the same id"));
+        }
+        frames.push(RecordedFrame {
+            id: id.to_owned(),
+            file: resolved(&frame.get("file")?, folder)?,
+            role: frame.get("role")?.one_of(&ROLES)?,
+            laser: frame.get("laser")?.one_of(&LASERS)?,
+        });
+    }
+    Ok(Recording { folder: folder.to_owned(), serial, calibration_file, frames })
+}
+
+/// A path in a recording is relative to its folder and may leave it (`../calibration_set/calibration.json`).
+fn resolved(field: &Field<'_>, folder: &Path) -> Result<PathBuf, Error> {
+    let text = field.text()?;
+    if Path::new(text).has_root() || matches!(Path::new(text).components().next(), Some(Component::Prefix(_)))
+    {
+        return Err(
+            field.error(format_args!("{text:?} is absolute, a path relative to the recording is needed"))
+        );
+    }
+    if text.contains('\0') {
+        return Err(field.error("a path with a NUL character"));
+    }
+    Ok(folder.join(text))
+}
+
+/// A recording as JSON, with paths relative to its folder.
+///
+/// # Errors
+/// [`ErrorKind::InvalidFile`], naming the field, if a path does not start with the recording's folder or is not UTF-8.
+pub fn recording_json(recording: &Recording) -> Result<Value, Error> {
+    let relative = |path: &Path, field: &str| {
+        let text = path.strip_prefix(&recording.folder).ok().and_then(Path::to_str).map(str::to_owned);
+        text.ok_or_else(|| {
+            let (path, folder) = (path.display(), recording.folder.display());
+            Error::new(
+                ErrorKind::InvalidFile,
+                format!("{field}: {path} has no UTF-8 name relative to {folder}"),
+            )
+        })
+    };
+    let mut frames = Vec::new();
+    for frame in &recording.frames {
+        frames.push(json!({
+            "id": frame.id,
+            "file": relative(&frame.file, &format!("frame {:?}", frame.id))?,
+            "role": name_of(&ROLES, frame.role),
+            "laser": name_of(&LASERS, frame.laser),
+        }));
+    }
+    Ok(json!({
+        "format": FORMAT,
+        "device": {"serial": recording.serial},
+        "calibration": relative(&recording.calibration_file, "calibration")?,
+        "frames": frames,
+    }))
+}
+
+fn name_of<T: PartialEq>(names: &[(&'static str, T)], value: T) -> Option<&'static str> {
+    names.iter().find(|(_, v)| *v == value).map(|(name, _)| *name)
+}

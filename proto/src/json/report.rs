@@ -1,0 +1,116 @@
+//! Results as JSON: the object that `boxline measure --json` and `boxline face --json` print.
+//!
+//! The shape never changes: every key is there, an absent value is `null`, an absent list is `[]`. A number that is not
+//! finite cannot be written in JSON and becomes `null` too.
+
+use boxline::measurement::FaceMeasurement;
+use boxline::{BoxMeasurement, BoxReport, Estimate, FaceOutcome, Outcome, Px, Reject};
+use serde_json::{Map, Value, json};
+
+/// A box measurement. `frame_ids` name the first and the second frame.
+///
+/// ```json
+/// {"outcome": "measured" | "ambiguous" | "rejected",
+///  "length_mm": {"value": 0, "sigma": 0}, "width_mm": {..}, "height_mm": {..}, "volume_m3": {..},
+///  "candidates": [{"length_mm": {..}, "width_mm": {..}, "height_mm": {..}, "volume_m3": {..}}, ...],
+///  "reject": {"reason": "no_box", "best_share": 0, ..., "text": "for people"},
+///  "faces": [{"frame": "a", "outcome": "measured" | "rejected", "length_mm": {..}, "width_mm": {..},
+///             "corners_px": [[u, v], "4 of them"], "key_points_px": {"1": [[u, v], [u, v]], "2": ..},
+///             "plane": {"normal": [x, y, z], "distance_mm": 0}, "rms_px": 0, "reject": {..}}]}
+/// ```
+/// The sides are there if the outcome is `measured`, the two candidates if it is `ambiguous`. The plane's unit normal
+/// points away from the camera (frame: camera).
+#[must_use]
+pub fn report_json(report: &BoxReport, frame_ids: [&str; 2]) -> Value {
+    let (name, sides, candidates, reject) = match &report.outcome {
+        Outcome::Measured(sides) => ("measured", Some(sides), Vec::new(), None),
+        Outcome::Ambiguous(both) => ("ambiguous", None, both.iter().map(candidate).collect(), None),
+        Outcome::Rejected(reject) => ("rejected", None, Vec::new(), Some(reject)),
+    };
+    let faces: Vec<_> = report.faces.iter().zip(frame_ids).map(|(face, id)| face_entry(face, id)).collect();
+    json!({
+        "outcome": name,
+        "length_mm": sides.map(|s| estimate(s.length)),
+        "width_mm": sides.map(|s| estimate(s.width)),
+        "height_mm": sides.map(|s| estimate(s.height)),
+        "volume_m3": sides.map(volume),
+        "candidates": candidates,
+        "reject": reject.map(reject_entry),
+        "faces": faces,
+    })
+}
+
+/// One face: the same object as [`report_json`] with one entry in `faces`, whose sides are `length_mm` and `width_mm`.
+#[must_use]
+pub fn face_json(face: &FaceOutcome, frame_id: &str) -> Value {
+    let entry = face_entry(face, frame_id);
+    json!({
+        "outcome": entry["outcome"],
+        "length_mm": entry["length_mm"],
+        "width_mm": entry["width_mm"],
+        "height_mm": null,
+        "volume_m3": null,
+        "candidates": [],
+        "reject": entry["reject"],
+        "faces": [entry],
+    })
+}
+
+fn face_entry(face: &FaceOutcome, frame_id: &str) -> Value {
+    let (name, face, reject) = match face {
+        FaceOutcome::Measured(face) => ("measured", Some(face.as_ref()), None),
+        FaceOutcome::Rejected(reject) => ("rejected", None, Some(reject)),
+    };
+    json!({
+        "frame": frame_id,
+        "outcome": name,
+        "length_mm": face.map(|f| estimate(f.length)),
+        "width_mm": face.map(|f| estimate(f.width)),
+        "corners_px": face.map(|f| f.corners_px.map(px)),
+        "key_points_px": face.map(key_points),
+        "plane": face.map(plane),
+        "rms_px": face.map(|f| f.rms_px),
+        "reject": reject.map(reject_entry),
+    })
+}
+
+fn candidate(sides: &BoxMeasurement) -> Value {
+    json!({
+        "length_mm": estimate(sides.length),
+        "width_mm": estimate(sides.width),
+        "height_mm": estimate(sides.height),
+        "volume_m3": volume(sides),
+    })
+}
+
+fn reject_entry(reject: &Reject) -> Value {
+    let mut entry = Map::new();
+    entry.insert("reason".to_owned(), json!(reject.reason()));
+    for (name, value) in reject.numbers() {
+        entry.insert(name.to_owned(), json!(value));
+    }
+    entry.insert("text".to_owned(), json!(reject.to_string()));
+    Value::Object(entry)
+}
+
+fn key_points(face: &FaceMeasurement) -> Value {
+    let stripes = face.key_points_px.iter().enumerate();
+    stripes.map(|(i, points)| ((i + 1).to_string(), json!(points.map(px)))).collect::<Map<_, _>>().into()
+}
+
+fn plane(face: &FaceMeasurement) -> Value {
+    let (normal, distance_mm) = face.plane.normal_and_distance_mm();
+    json!({"normal": [normal.x, normal.y, normal.z], "distance_mm": distance_mm})
+}
+
+fn estimate(estimate: Estimate) -> Value {
+    json!({"value": estimate.value_mm, "sigma": estimate.sigma_mm})
+}
+
+fn volume(sides: &BoxMeasurement) -> Value {
+    json!({"value": sides.volume.value_m3, "sigma": sides.volume.sigma_m3})
+}
+
+fn px(px: Px) -> [f64; 2] {
+    [px.u, px.v]
+}

@@ -1,0 +1,334 @@
+//! The JSON readers: the recordings of `tests/data` read whole, files survive being written, broken ones are explained.
+
+use boxline::{Calibration, Error, ErrorKind};
+use boxline_proto::json::{
+    Laser, Role, calibration_json, parse_board, parse_calibration, parse_recording, parse_truth, read_board,
+    read_calibration, read_recording, read_truth, recording_json, write_json,
+};
+use proptest::prelude::*;
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+
+fn data(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/data").join(name)
+}
+
+fn calibration() -> Calibration {
+    read_calibration(&data("calibration_set/calibration.json")).unwrap()
+}
+
+/// An empty folder of this test's own.
+fn scratch(name: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    std::fs::remove_dir_all(&folder).unwrap_or_default();
+    std::fs::create_dir_all(&folder).unwrap();
+    folder
+}
+
+#[test]
+fn every_recording_of_the_repository_reads_whole() {
+    for name in ["b01", "b02", "b03", "b04", "b05", "b06", "refuse", "calibration_set"] {
+        let recording = read_recording(&data(name)).unwrap();
+        assert_eq!(recording.serial, "SIM-0001");
+        assert!(recording.calibration_file.is_file(), "{}", recording.calibration_file.display());
+        let truth = read_truth(&data(name)).unwrap().unwrap();
+        for face in &truth.faces {
+            let frame = recording.frames.iter().find(|f| f.id == face.frame).unwrap();
+            assert!(frame.file.is_file() && frame.role == Role::Face && frame.laser == Laser::On);
+        }
+        assert_eq!(truth.must_refuse, name == "refuse");
+        assert_eq!(truth.box_mm.is_some(), name.starts_with('b'));
+        if name.starts_with('b') {
+            assert!(
+                truth.faces.iter().all(|f| f.key_points_px.len() == 4 && f.corners_px.is_some()),
+                "{name}"
+            );
+        }
+    }
+    assert_eq!(read_truth(&data("..")).unwrap(), None);
+    let board = read_board(&data("calibration_set/board.json")).unwrap();
+    assert_eq!((board.columns, board.rows, board.pitch_mm, board.thickness_mm), (12, 11, 100.0, 5.0));
+}
+
+#[test]
+fn a_written_calibration_reads_the_same_to_the_last_bit() {
+    let folder = scratch("calibration_round_trip");
+    let path = folder.join("calibration.json");
+    std::fs::write(&path, "old").unwrap();
+    write_json(&path, &calibration_json(&calibration())).unwrap();
+    assert_eq!(read_calibration(&path).unwrap(), calibration());
+    assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 1, "no temporary file stays behind");
+}
+
+#[test]
+fn a_failed_write_says_where_and_leaves_nothing() {
+    let folder = scratch("failed_write");
+    let error = write_json(&folder.join("missing/x.json"), &json!({})).unwrap_err();
+    assert_eq!(error.kind(), ErrorKind::Io);
+    assert!(error.to_string().contains("missing/x.json"), "{error}");
+    std::fs::create_dir_all(folder.join("taken.json/inside")).unwrap();
+    write_json(&folder.join("taken.json"), &json!({})).unwrap_err();
+    assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 1);
+}
+
+#[test]
+fn a_written_recording_reads_the_same() {
+    let folder = scratch("recording_round_trip");
+    let recording =
+        parse_recording(&std::fs::read(data("b02/recording.json")).unwrap(), "b02", &folder).unwrap();
+    write_json(&folder.join("recording.json"), &recording_json(&recording).unwrap()).unwrap();
+    assert_eq!(read_recording(&folder).unwrap(), recording);
+    let mut elsewhere = recording;
+    elsewhere.frames[1].file = "/elsewhere/a.jpg".into();
+    let text = recording_json(&elsewhere).unwrap_err().to_string();
+    assert!(text.contains("frame \"a_off\"") && text.contains("/elsewhere/a.jpg"), "{text}");
+}
+
+/// Replaces the value at a JSON pointer; `None` takes the key away.
+fn broken(file: &str, pointer: &str, value: Option<Value>) -> Vec<u8> {
+    let mut whole: Value = serde_json::from_slice(&std::fs::read(data(file)).unwrap()).unwrap();
+    let (parent, key) = pointer.rsplit_once('/').unwrap();
+    match value {
+        Some(value) => *whole.pointer_mut(pointer).unwrap() = value,
+        None => drop(whole.pointer_mut(parent).unwrap().as_object_mut().unwrap().remove(key).unwrap()),
+    }
+    serde_json::to_vec(&whole).unwrap()
+}
+
+fn expect(result: Result<impl std::fmt::Debug, Error>, kind: ErrorKind, parts: &[&str]) {
+    let error = result.unwrap_err();
+    let text = error.to_string();
+    assert_eq!(error.kind(), kind, "{text}");
+    for part in parts {
+        assert!(text.contains(part), "{part:?} is not in {text:?}");
+    }
+    assert!(text.len() < 300, "{text}");
+}
+
+#[test]
+fn broken_calibrations_name_file_and_field() {
+    let kind = ErrorKind::InvalidCalibration;
+    let table: &[(&str, Option<Value>, &[&str])] = &[
+        (
+            "/format",
+            Some(json!("boxline-calibration/2")),
+            &["format", "/2", "\"boxline-calibration/1\" is needed"],
+        ),
+        ("/format", Some(json!("boxline-recording/1")), &["format", "boxline-recording/1"]),
+        ("/format", None, &["format: missing"]),
+        ("/serial", Some(json!(7)), &["serial: found 7, a text is needed"]),
+        ("/serial", Some(json!("")), &["serial: found \"\""]),
+        ("/image_size", Some(json!([2592])), &["image_size: found a list of 1, a list of 2 is needed"]),
+        ("/image_size", Some(json!([2592, 1944, 3])), &["image_size: found a list of 3"]),
+        ("/image_size", Some(json!([2592, -1])), &["image_size[1]: found -1, a whole number is needed"]),
+        ("/image_size", Some(json!([2592, 4_294_967_297_u64])), &["image_size[1]: found 4294967297"]),
+        ("/image_size", Some(json!([2592, 0])), &["image_size is 2592 x 0 px"]),
+        ("/camera", None, &["camera: missing"]),
+        ("/camera", Some(json!([1, 2])), &["camera: found a list of 2, an object is needed"]),
+        ("/camera/fx", None, &["camera.fx: missing"]),
+        ("/camera/fx", Some(json!(null)), &["camera.fx: found null, a finite number is needed"]),
+        ("/camera/fx", Some(json!("NaN")), &["camera.fx: found \"NaN\""]),
+        ("/camera/fx", Some(json!(0)), &["camera.fx is 0 px"]),
+        ("/camera/k2", Some(json!({"a": 1})), &["camera.k2: found an object"]),
+        ("/laser_planes", Some(json!([[1, 2, 3, 4]])), &["laser_planes: found a list of 1, a list of 4"]),
+        ("/laser_planes/2", Some(json!([1, 2, 3])), &["laser_planes[2]: found a list of 3, a list of 4"]),
+        ("/laser_planes/2/3", Some(json!(true)), &["laser_planes[2][3]: found true"]),
+        ("/laser_planes/2", Some(json!([0, 0, 0, 0])), &["laser_planes: plane 3"]),
+        ("/serial", Some(json!(vec!["x"; 1000])), &["serial: found a list of 1000"]),
+        ("/camera/cx", Some(json!("x".repeat(100_000))), &["camera.cx: found \"xxxx", "...\""]),
+    ];
+    for (pointer, value, parts) in table {
+        let bytes = broken("calibration_set/calibration.json", pointer, value.clone());
+        expect(parse_calibration(&bytes, "head.json"), kind, parts);
+        expect(parse_calibration(&bytes, "head.json"), kind, &["head.json: "]);
+    }
+    let whole = std::fs::read_to_string(data("calibration_set/calibration.json")).unwrap();
+    for (what, with, parts) in [
+        ("2458.9172", "1e999", ["out of range", "after \"fx\""]),
+        ("2458.9172", "NaN", ["expected value", "after \"fx\""]),
+        ("2458.9172", "-Infinity", ["invalid number", "after \"fx\""]),
+        ("2458.9172", "1,", ["line 9", "after \"fx\""]),
+        ("{", "", ["not JSON", "line 2"]),
+    ] {
+        expect(parse_calibration(whole.replacen(what, with, 1).as_bytes(), "head.json"), kind, &parts);
+    }
+    for bytes in [
+        &b""[..],
+        b" ",
+        b"[]",
+        b"null",
+        b"7",
+        b"\xff\xfe",
+        &whole.as_bytes()[..whole.len() / 2],
+        &[b'['; 100_000],
+    ] {
+        expect(parse_calibration(bytes, "head.json"), kind, &["head.json: "]);
+    }
+}
+
+#[test]
+fn unknown_keys_are_ignored() {
+    let bytes = broken("calibration_set/calibration.json", "/camera/skew", Some(json!(0.5)));
+    let mut value: Value = serde_json::from_slice(&bytes).unwrap();
+    value["later"] = json!({"version": 3});
+    value["camera"]["k3"] = json!(null);
+    assert!(parse_calibration(value.to_string().as_bytes(), "head.json").unwrap().camera().skew > 0.4);
+}
+
+#[test]
+fn broken_recordings_name_file_and_field() {
+    let table: &[(&str, Option<Value>, &[&str])] = &[
+        (
+            "/format",
+            Some(json!("boxline-recording/9")),
+            &["format", "/9", "\"boxline-recording/1\" is needed"],
+        ),
+        ("/device/serial", None, &["device.serial: missing"]),
+        ("/calibration", Some(json!(null)), &["calibration: found null, a text is needed"]),
+        ("/calibration", Some(json!("/etc/calibration.json")), &["calibration: ", "is absolute"]),
+        ("/calibration", Some(json!("a\0b")), &["calibration: ", "NUL"]),
+        ("/frames", Some(json!({})), &["frames: found an object, a list is needed"]),
+        ("/frames/1", Some(json!("a.jpg")), &["frames[1]: found \"a.jpg\", an object is needed"]),
+        ("/frames/1/file", None, &["frames[1].file: missing"]),
+        ("/frames/1/id", Some(json!("a")), &["frames[1].id: another frame has the same id"]),
+        (
+            "/frames/2/role",
+            Some(json!("lid")),
+            &["frames[2].role: found \"lid\", \"face\" or \"board\" is needed"],
+        ),
+        ("/frames/2/laser", Some(json!(true)), &["frames[2].laser: found true, \"on\" or \"off\" is needed"]),
+    ];
+    for (pointer, value, parts) in table {
+        let bytes = broken("b02/recording.json", pointer, value.clone());
+        expect(parse_recording(&bytes, "x/recording.json", Path::new("x")), ErrorKind::InvalidFile, parts);
+    }
+    expect(read_recording(&data("nowhere")), ErrorKind::Io, &["nowhere/recording.json: no such file"]);
+    expect(read_calibration(&data("b02")), ErrorKind::Io, &["b02: cannot read"]);
+    expect(read_truth(&data("b02/a.jpg")), ErrorKind::Io, &["a.jpg/truth.json: cannot read"]);
+}
+
+#[test]
+fn broken_truths_and_boards_name_file_and_field() {
+    let truths: &[(&str, Option<Value>, &[&str])] = &[
+        ("/box_mm", Some(json!([1, 2])), &["box_mm: found a list of 2, a list of 3"]),
+        ("/faces", None, &["faces: missing"]),
+        ("/faces/0/frame", None, &["faces[0].frame: missing"]),
+        (
+            "/faces/0/corners_px/3",
+            Some(json!([1])),
+            &["faces[0].corners_px[3]: found a list of 1, a list of 2"],
+        ),
+        ("/faces/1/key_points_px", Some(json!({"stripe 5": []})), &["faces[1].key_points_px.stripe 5: "]),
+        (
+            "/faces/1/key_points_px",
+            Some(json!({"stripe 2": [[1, 2]]})),
+            &["key_points_px.stripe 2: found a list of 1"],
+        ),
+        ("/faces/1/ambient", Some(json!(7)), &["faces[1].ambient: found 7"]),
+    ];
+    for (pointer, value, parts) in truths {
+        let bytes = broken("b02/truth.json", pointer, value.clone());
+        expect(parse_truth(&bytes, "truth.json"), ErrorKind::InvalidFile, parts);
+    }
+    let boards: &[(&str, Option<Value>, &[&str])] = &[
+        ("/kind", Some(json!("checkerboard")), &["kind: found \"checkerboard\", \"circles\" is needed"]),
+        ("/columns", Some(json!(12.5)), &["columns: found 12.5, a whole number is needed"]),
+        ("/rows", Some(json!(1_000_000)), &["rows: found 1000000, 2 to 1000 are allowed"]),
+        ("/pitch_mm", Some(json!(-100)), &["pitch_mm: found -100, a positive number is needed"]),
+        ("/diameter_mm", Some(json!(100)), &["diameter_mm: found 100, less than pitch_mm (100) is needed"]),
+        ("/thickness_mm", None, &["thickness_mm: missing"]),
+    ];
+    for (pointer, value, parts) in boards {
+        let bytes = broken("calibration_set/board.json", pointer, value.clone());
+        expect(parse_board(&bytes, "board.json"), ErrorKind::InvalidFile, parts);
+    }
+}
+
+#[test]
+fn a_file_over_the_limit_is_refused() {
+    let path = scratch("large").join("calibration.json");
+    // A sparse file: no disk space is taken.
+    std::fs::File::create(&path).unwrap().set_len(65 * 1024 * 1024).unwrap();
+    expect(
+        read_calibration(&path),
+        ErrorKind::InvalidFile,
+        &["calibration.json: larger than 67108864 bytes"],
+    );
+}
+
+/// JSON that looks like the real thing more often than random bytes do.
+fn json_like() -> impl Strategy<Value = Value> {
+    let key = prop::sample::select(vec![
+        "format",
+        "serial",
+        "image_size",
+        "camera",
+        "fx",
+        "laser_planes",
+        "device",
+        "calibration",
+        "frames",
+        "id",
+        "file",
+        "role",
+        "faces",
+        "frame",
+        "corners_px",
+        "key_points_px",
+        "stripe 1",
+        "box_mm",
+        "columns",
+        "pitch_mm",
+    ]);
+    let leaf = prop_oneof![
+        Just(json!(null)),
+        Just(json!("boxline-calibration/1")),
+        Just(json!("boxline-recording/1")),
+        Just(json!("boxline-board/1")),
+        any::<bool>().prop_map(|x| json!(x)),
+        any::<f64>().prop_map(|x| json!(x)),
+        any::<i64>().prop_map(|x| json!(x)),
+        ".{0,8}".prop_map(|x| json!(x)),
+    ];
+    leaf.prop_recursive(5, 64, 6, move |inner| {
+        prop_oneof![
+            prop::collection::vec(inner.clone(), 0..5).prop_map(Value::Array),
+            prop::collection::vec((key.clone(), inner), 0..8)
+                .prop_map(|entries| entries.into_iter().map(|(k, v)| (k.to_owned(), v)).collect::<Value>()),
+        ]
+    })
+}
+
+fn read_as_everything(bytes: &[u8]) {
+    // Only that they return is tested.
+    drop(parse_calibration(bytes, "x"));
+    drop(parse_recording(bytes, "x", Path::new("x")));
+    drop(parse_truth(bytes, "x"));
+    drop(parse_board(bytes, "x"));
+}
+
+proptest! {
+    #[test]
+    fn random_bytes_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
+        read_as_everything(&bytes);
+    }
+
+    #[test]
+    fn random_json_never_panics(value in json_like()) {
+        read_as_everything(value.to_string().as_bytes());
+    }
+
+    #[test]
+    fn a_flipped_byte_never_panics(
+        file in prop::sample::select(vec![
+            "calibration_set/calibration.json", "calibration_set/board.json", "b02/recording.json", "b02/truth.json",
+        ]),
+        at in any::<prop::sample::Index>(),
+        byte in any::<u8>(),
+    ) {
+        let mut bytes = std::fs::read(data(file)).unwrap();
+        let at = at.index(bytes.len());
+        bytes[at] = byte;
+        read_as_everything(&bytes);
+    }
+}
