@@ -1,4 +1,5 @@
 //! The JSON readers: the recordings of `tests/data` read whole, files survive being written, broken ones are explained.
+#![allow(clippy::unwrap_used)] // the helpers of tests are tests
 
 use boxline::{Calibration, Error, ErrorKind};
 use boxline_proto::json::{

@@ -114,7 +114,7 @@ impl<'a> Field<'a> {
         read: impl Fn(&Self) -> Result<T, Error>,
     ) -> Result<[T; N], Error> {
         let items = self.list()?.iter().map(read).collect::<Result<Vec<T>, Error>>()?;
-        items.try_into().or_else(|_| Err(self.wrong(&format!("a list of {N}"))))
+        items.try_into().map_err(|_found: Vec<T>| self.wrong(&format!("a list of {N}")))
     }
 
     /// A finite number.

@@ -54,6 +54,20 @@ pub struct Recording {
     pub frames: Vec<RecordedFrame>,
 }
 
+impl Recording {
+    /// A path as the file holds it; `field` goes into the error.
+    pub(crate) fn relative(&self, path: &Path, field: &str) -> Result<String, Error> {
+        let text = path.strip_prefix(&self.folder).ok().and_then(Path::to_str).map(str::to_owned);
+        text.ok_or_else(|| {
+            let (path, folder) = (path.display(), self.folder.display());
+            Error::new(
+                ErrorKind::InvalidFile,
+                format!("{field}: {path} has no UTF-8 name relative to {folder}"),
+            )
+        })
+    }
+}
+
 /// Reads `recording.json` of a folder. The files that it names are not opened.
 ///
 /// # Errors
@@ -89,17 +103,22 @@ pub fn parse_recording(bytes: &[u8], name: &str, folder: &Path) -> Result<Record
     Ok(Recording { folder: folder.to_owned(), serial, calibration_file, frames })
 }
 
-/// A path in a recording is relative to its folder and may leave it (`../calibration_set/calibration.json`).
 fn resolved(field: &Field<'_>, folder: &Path) -> Result<PathBuf, Error> {
-    let text = field.text()?;
+    resolved_path(field.text()?, folder).map_err(|why| field.error(why))
+}
+
+/// A path in a recording is relative to its folder and may leave it (`../calibration_set/calibration.json`). The error
+/// says why it is not one.
+pub(crate) fn resolved_path(text: &str, folder: &Path) -> Result<PathBuf, String> {
+    if text.is_empty() {
+        return Err("an empty path".to_owned());
+    }
     if Path::new(text).has_root() || matches!(Path::new(text).components().next(), Some(Component::Prefix(_)))
     {
-        return Err(
-            field.error(format_args!("{text:?} is absolute, a path relative to the recording is needed"))
-        );
+        return Err(format!("{text:?} is absolute, a path relative to the recording is needed"));
     }
     if text.contains('\0') {
-        return Err(field.error("a path with a NUL character"));
+        return Err("a path with a NUL character".to_owned());
     }
     Ok(folder.join(text))
 }
@@ -109,21 +128,11 @@ fn resolved(field: &Field<'_>, folder: &Path) -> Result<PathBuf, Error> {
 /// # Errors
 /// [`ErrorKind::InvalidFile`], naming the field, if a path does not start with the recording's folder or is not UTF-8.
 pub fn recording_json(recording: &Recording) -> Result<Value, Error> {
-    let relative = |path: &Path, field: &str| {
-        let text = path.strip_prefix(&recording.folder).ok().and_then(Path::to_str).map(str::to_owned);
-        text.ok_or_else(|| {
-            let (path, folder) = (path.display(), recording.folder.display());
-            Error::new(
-                ErrorKind::InvalidFile,
-                format!("{field}: {path} has no UTF-8 name relative to {folder}"),
-            )
-        })
-    };
     let mut frames = Vec::new();
     for frame in &recording.frames {
         frames.push(json!({
             "id": frame.id,
-            "file": relative(&frame.file, &format!("frame {:?}", frame.id))?,
+            "file": recording.relative(&frame.file, &format!("frame {:?}", frame.id))?,
             "role": name_of(&ROLES, frame.role),
             "laser": name_of(&LASERS, frame.laser),
         }));
@@ -131,7 +140,7 @@ pub fn recording_json(recording: &Recording) -> Result<Value, Error> {
     Ok(json!({
         "format": FORMAT,
         "device": {"serial": recording.serial},
-        "calibration": relative(&recording.calibration_file, "calibration")?,
+        "calibration": recording.relative(&recording.calibration_file, "calibration")?,
         "frames": frames,
     }))
 }

@@ -1,0 +1,206 @@
+//! Core types from messages. Nothing is taken on trust: a missing part, an unknown name or a number that is not finite is
+//! an error that names the field.
+
+use super::v1;
+use crate::json::{Laser, RecordedFrame, Recording, Role, resolved_path};
+use boxline::frames::{Plane, Point};
+use boxline::measurement::FaceMeasurement;
+use boxline::{
+    BoxMeasurement, BoxReport, Calibration, CameraModel, Error, ErrorKind, Estimate, FaceOutcome, LaserId,
+    Outcome, Px, Reject, Volume,
+};
+use nalgebra::Vector3;
+use std::path::Path;
+
+fn invalid(text: impl Into<String>) -> Error {
+    Error::new(ErrorKind::InvalidFile, text)
+}
+
+fn required<T>(part: Option<T>, name: &str) -> Result<T, Error> {
+    part.ok_or_else(|| invalid(format!("{name}: missing")))
+}
+
+fn finite(value: f64, name: &str) -> Result<f64, Error> {
+    if value.is_finite() {
+        Ok(value)
+    } else {
+        Err(invalid(format!("{name}: found {value}, a finite number is needed")))
+    }
+}
+
+fn exactly<T, const N: usize>(items: Vec<T>, name: &str) -> Result<[T; N], Error> {
+    items
+        .try_into()
+        .map_err(|found: Vec<T>| invalid(format!("{name}: found {}, {N} are needed", found.len())))
+}
+
+fn known<E: TryFrom<i32>>(value: i32, name: &str) -> Result<E, Error> {
+    E::try_from(value).ok().ok_or_else(|| invalid(format!("{name}: {value} is not known")))
+}
+
+pub(super) fn report(message: v1::BoxReport) -> Result<(BoxReport, [String; 2]), Error> {
+    let outcome = match known(message.outcome, "outcome")? {
+        v1::Outcome::Measured => Outcome::Measured(sides(required(message.sides, "sides")?)?),
+        v1::Outcome::Ambiguous => {
+            let [first, second] = exactly(message.candidates, "candidates")?;
+            Outcome::Ambiguous([sides(first)?, sides(second)?])
+        }
+        v1::Outcome::Rejected => Outcome::Rejected(reject(required(message.reject, "reject")?)?),
+        v1::Outcome::Unspecified => return Err(invalid("outcome: missing")),
+    };
+    let [first, second] = exactly(message.faces, "faces")?;
+    let (first, first_id) = face(first).map_err(|e| e.in_context("faces[0]"))?;
+    let (second, second_id) = face(second).map_err(|e| e.in_context("faces[1]"))?;
+    Ok((BoxReport { outcome, faces: [first, second] }, [first_id, second_id]))
+}
+
+fn face(message: v1::Face) -> Result<(FaceOutcome, String), Error> {
+    let outcome = match known(message.outcome, "outcome")? {
+        v1::Outcome::Measured => {
+            let corners: [v1::Corner; 4] = exactly(message.corners, "corners")?;
+            let mut corners_px = [Px::new(0.0, 0.0); 4];
+            let mut corners_in_cam = [Point::new(0.0, 0.0, 0.0); 4];
+            for ((corner, on_sensor), in_cam) in
+                corners.into_iter().zip(&mut corners_px).zip(&mut corners_in_cam)
+            {
+                let [x, y, z] = [corner.x_mm, corner.y_mm, corner.z_mm].map(|x| finite(x, "corners"));
+                *on_sensor = px(corner.px, "corners")?;
+                *in_cam = Point::new(x?, y?, z?);
+            }
+            let key_points: [v1::KeyPoints; 4] = exactly(message.key_points, "key_points")?;
+            let mut key_points_px = [[Px::new(0.0, 0.0); 2]; 4];
+            for (points, ends) in key_points.into_iter().zip(&mut key_points_px) {
+                *ends = [px(points.first, "key_points")?, px(points.second, "key_points")?];
+            }
+            let plane = required(message.plane, "plane")?;
+            let [x, y, z] = [plane.x_per_mm, plane.y_per_mm, plane.z_per_mm].map(|x| finite(x, "plane"));
+            FaceOutcome::Measured(Box::new(FaceMeasurement {
+                length: length(message.length, "length")?,
+                width: length(message.width, "width")?,
+                plane: Plane::new(Vector3::new(x?, y?, z?)),
+                corners_px,
+                corners: corners_in_cam,
+                key_points_px,
+                rms_px: finite(message.rms_px, "rms_px")?,
+                stripe_points_px: Default::default(),
+                edge_points_px: Default::default(),
+            }))
+        }
+        v1::Outcome::Rejected => FaceOutcome::Rejected(reject(required(message.reject, "reject")?)?),
+        v1::Outcome::Ambiguous => return Err(invalid("outcome: a single face is never ambiguous")),
+        v1::Outcome::Unspecified => return Err(invalid("outcome: missing")),
+    };
+    Ok((outcome, message.frame))
+}
+
+fn px(message: Option<v1::Px>, name: &str) -> Result<Px, Error> {
+    let px = required(message, name)?;
+    Ok(Px::new(finite(px.u, name)?, finite(px.v, name)?))
+}
+
+fn sides(message: v1::Sides) -> Result<BoxMeasurement, Error> {
+    let volume = required(message.volume, "volume")?;
+    Ok(BoxMeasurement {
+        length: length(message.length, "length")?,
+        width: length(message.width, "width")?,
+        height: length(message.height, "height")?,
+        volume: Volume {
+            value_m3: finite(volume.value_m3, "volume")?,
+            sigma_m3: finite(volume.sigma_m3, "volume")?,
+        },
+    })
+}
+
+fn length(message: Option<v1::Length>, name: &str) -> Result<Estimate, Error> {
+    let length = required(message, name)?;
+    Ok(Estimate::new(finite(length.value_mm, name)?, finite(length.sigma_mm, name)?))
+}
+
+/// The inverse of `Reject::reason` and `Reject::numbers`.
+fn reject(message: v1::Reject) -> Result<Reject, Error> {
+    let number = |name: &str| {
+        let found = message.numbers.iter().find(|n| n.name == name).map(|n| n.value);
+        finite(required(found, &format!("reject.{name}"))?, name)
+    };
+    let small = |name: &str| {
+        let value = number(name)?;
+        let whole = (0..=u8::MAX).find(|n| f64::from(*n) == value);
+        whole.ok_or_else(|| {
+            invalid(format!("reject.{name}: found {value}, a whole number up to 255 is needed"))
+        })
+    };
+    let laser = || {
+        let id = small("laser")?;
+        LaserId::new(id).ok_or_else(|| invalid(format!("reject.laser: found {id}, 1 to 4 is needed")))
+    };
+    let estimate = |value: &str, sigma: &str| Ok::<_, Error>(Estimate::new(number(value)?, number(sigma)?));
+    Ok(match message.reason.as_str() {
+        "no_box" => {
+            Reject::NoBox { best_share: number("best_share")?, needed_share: number("needed_share")? }
+        }
+        "stripe_not_found" => Reject::StripeNotFound {
+            laser: laser()?,
+            signal_to_noise: number("signal_to_noise")?,
+            needed: number("needed")?,
+        },
+        "stripe_missing" => {
+            Reject::StripeMissing { laser: laser()?, stripes_on_face: small("stripes_on_face")? }
+        }
+        "face_cut_by_border" => Reject::FaceCutByBorder {
+            sides_cut: small("sides_cut")?,
+            at: Px::new(number("at_u_px")?, number("at_v_px")?),
+        },
+        "face_not_planar" => {
+            Reject::FaceNotPlanar { rms_px: number("rms_px")?, limit_px: number("limit_px")? }
+        }
+        "rectangle_open" => Reject::RectangleOpen { sides_found: small("sides_found")? },
+        "not_a_rectangle" => {
+            Reject::NotARectangle { rms_px: number("rms_px")?, limit_px: number("limit_px")? }
+        }
+        "sides_disagree" => Reject::SidesDisagree {
+            first: estimate("first_mm", "first_sigma_mm")?,
+            second: estimate("second_mm", "second_sigma_mm")?,
+            limit_mm: number("limit_mm")?,
+        },
+        other => return Err(invalid(format!("reject.reason: {other:?} is not known"))),
+    })
+}
+
+pub(super) fn calibration(message: v1::Calibration) -> Result<Calibration, Error> {
+    let invalid = |text: String| Error::new(ErrorKind::InvalidCalibration, text);
+    let c = message.camera.ok_or_else(|| invalid("camera: missing".to_owned()))?;
+    let camera = CameraModel { fx: c.fx, fy: c.fy, skew: c.skew, cx: c.cx, cy: c.cy, k1: c.k1, k2: c.k2 };
+    let planes: Vec<_> = message.laser_planes.iter().map(|p| [p.a, p.b, p.c, p.d]).collect();
+    let planes = <[[f64; 4]; 4]>::try_from(planes)
+        .map_err(|found| invalid(format!("laser_planes: found {}, 4 are needed", found.len())))?;
+    // `Calibration::new` checks every number.
+    Calibration::new(message.serial, [message.width_px, message.height_px], camera, planes)
+}
+
+pub(super) fn recording(message: v1::Recording, folder: &Path) -> Result<Recording, Error> {
+    let path = |text: &str, field: &str| {
+        resolved_path(text, folder).map_err(|why| invalid(format!("{field}: {why}")))
+    };
+    let calibration_file = path(&message.calibration, "calibration")?;
+    let mut frames: Vec<RecordedFrame> = Vec::new();
+    for (i, frame) in message.frames.into_iter().enumerate() {
+        if frame.id.is_empty() || frames.iter().any(|f| f.id == frame.id) {
+            return Err(invalid(format!("frames[{i}].id: {:?} is not a name of its own", frame.id)));
+        }
+        frames.push(RecordedFrame {
+            file: path(&frame.file, &format!("frames[{i}].file"))?,
+            id: frame.id,
+            role: match known(frame.role, &format!("frames[{i}].role"))? {
+                v1::Role::Face => Role::Face,
+                v1::Role::Board => Role::Board,
+                v1::Role::Unspecified => return Err(invalid(format!("frames[{i}].role: missing"))),
+            },
+            laser: match known(frame.laser, &format!("frames[{i}].laser"))? {
+                v1::Laser::On => Laser::On,
+                v1::Laser::Off => Laser::Off,
+                v1::Laser::Unspecified => return Err(invalid(format!("frames[{i}].laser: missing"))),
+            },
+        });
+    }
+    Ok(Recording { folder: folder.to_owned(), serial: message.serial, calibration_file, frames })
+}

@@ -1,0 +1,122 @@
+//! Messages from core types.
+
+use super::v1;
+use crate::json::{Laser, RecordedFrame, Recording, Role};
+use boxline::measurement::FaceMeasurement;
+use boxline::{
+    BoxMeasurement, BoxReport, Calibration, Error, Estimate, FaceOutcome, LaserId, Outcome, Px, Reject,
+};
+
+pub(super) fn report(report: &BoxReport, frame_ids: [&str; 2]) -> v1::BoxReport {
+    let faces = report.faces.iter().zip(frame_ids).map(|(outcome, id)| face(outcome, id)).collect();
+    let (outcome, measured, candidates, rejected) = match &report.outcome {
+        Outcome::Measured(box_) => (v1::Outcome::Measured, Some(sides(box_)), Vec::new(), None),
+        Outcome::Ambiguous(both) => (v1::Outcome::Ambiguous, None, both.iter().map(sides).collect(), None),
+        Outcome::Rejected(why) => (v1::Outcome::Rejected, None, Vec::new(), Some(reject(why))),
+    };
+    v1::BoxReport { outcome: outcome.into(), sides: measured, candidates, reject: rejected, faces }
+}
+
+fn face(outcome: &FaceOutcome, frame_id: &str) -> v1::Face {
+    let frame = frame_id.to_owned();
+    match outcome {
+        FaceOutcome::Measured(face) => v1::Face {
+            frame,
+            outcome: v1::Outcome::Measured.into(),
+            length: Some(length(face.length)),
+            width: Some(length(face.width)),
+            corners: corners(face),
+            key_points: face.key_points_px.iter().map(key_points).collect(),
+            plane: Some(plane(face)),
+            rms_px: face.rms_px,
+            reject: None,
+        },
+        FaceOutcome::Rejected(why) => {
+            let outcome = v1::Outcome::Rejected.into();
+            v1::Face { frame, outcome, reject: Some(reject(why)), ..v1::Face::default() }
+        }
+    }
+}
+
+fn corners(face: &FaceMeasurement) -> Vec<v1::Corner> {
+    let both = face.corners_px.iter().zip(&face.corners);
+    both.map(|(on_sensor, p)| v1::Corner {
+        px: Some(px(*on_sensor)),
+        x_mm: p.mm.x,
+        y_mm: p.mm.y,
+        z_mm: p.mm.z,
+    })
+    .collect()
+}
+
+fn key_points(&[first, second]: &[Px; 2]) -> v1::KeyPoints {
+    v1::KeyPoints { first: Some(px(first)), second: Some(px(second)) }
+}
+
+fn plane(face: &FaceMeasurement) -> v1::Plane {
+    let p = face.plane.per_mm;
+    v1::Plane { x_per_mm: p.x, y_per_mm: p.y, z_per_mm: p.z }
+}
+
+fn px(px: Px) -> v1::Px {
+    v1::Px { u: px.u, v: px.v }
+}
+
+fn sides(measured: &BoxMeasurement) -> v1::Sides {
+    let volume = v1::Volume { value_m3: measured.volume.value_m3, sigma_m3: measured.volume.sigma_m3 };
+    v1::Sides {
+        length: Some(length(measured.length)),
+        width: Some(length(measured.width)),
+        height: Some(length(measured.height)),
+        volume: Some(volume),
+    }
+}
+
+fn length(estimate: Estimate) -> v1::Length {
+    v1::Length { value_mm: estimate.value_mm, sigma_mm: estimate.sigma_mm }
+}
+
+fn reject(reject: &Reject) -> v1::Reject {
+    let numbers =
+        reject.numbers().into_iter().map(|(name, value)| v1::Number { name: name.to_owned(), value });
+    v1::Reject { reason: reject.reason().to_owned(), numbers: numbers.collect(), text: reject.to_string() }
+}
+
+pub(super) fn calibration(calibration: &Calibration) -> v1::Calibration {
+    let c = calibration.camera();
+    let laser_plane = |id: LaserId| {
+        let p = calibration.laser(id).per_mm;
+        v1::LaserPlane { a: p.x, b: p.y, c: p.z, d: -1.0 }
+    };
+    v1::Calibration {
+        serial: calibration.serial().to_owned(),
+        width_px: calibration.width_px(),
+        height_px: calibration.height_px(),
+        camera: Some(v1::Camera { fx: c.fx, fy: c.fy, skew: c.skew, cx: c.cx, cy: c.cy, k1: c.k1, k2: c.k2 }),
+        laser_planes: LaserId::ALL.map(laser_plane).to_vec(),
+    }
+}
+
+pub(super) fn recording(recording: &Recording) -> Result<v1::Recording, Error> {
+    let frame = |frame: &RecordedFrame| {
+        Ok::<_, Error>(v1::RecordedFrame {
+            id: frame.id.clone(),
+            file: recording.relative(&frame.file, &format!("frame {:?}", frame.id))?,
+            role: match frame.role {
+                Role::Face => v1::Role::Face,
+                Role::Board => v1::Role::Board,
+            }
+            .into(),
+            laser: match frame.laser {
+                Laser::On => v1::Laser::On,
+                Laser::Off => v1::Laser::Off,
+            }
+            .into(),
+        })
+    };
+    Ok(v1::Recording {
+        serial: recording.serial.clone(),
+        calibration: recording.relative(&recording.calibration_file, "calibration")?,
+        frames: recording.frames.iter().map(frame).collect::<Result<_, _>>()?,
+    })
+}

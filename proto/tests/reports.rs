@@ -1,0 +1,219 @@
+//! Results and the other messages: the JSON object that scripts rely on, and protobuf there and back.
+#![allow(clippy::unwrap_used)] // the helpers of tests are tests
+
+use boxline::frames::{Plane, Point};
+use boxline::measurement::FaceMeasurement;
+use boxline::{
+    BoxMeasurement, BoxReport, ErrorKind, Estimate, FaceOutcome, LaserId, Outcome, Px, Reject, Volume,
+};
+use boxline_proto::json::{face_json, parse_calibration, parse_recording, report_json};
+use boxline_proto::message::{
+    decode_calibration, decode_recording, decode_report, encode_calibration, encode_recording, encode_report,
+    v1,
+};
+use proptest::prelude::*;
+use prost::Message;
+use serde_json::{Value, json};
+use std::path::Path;
+
+fn face() -> FaceMeasurement {
+    FaceMeasurement {
+        length: Estimate::new(550.5, 0.25),
+        width: Estimate::new(300.0, 0.1),
+        plane: Plane::new(nalgebra::Vector3::new(0.0, 0.0, 0.001)),
+        corners_px: [Px::new(1.0, 2.0), Px::new(3.0, 4.5), Px::new(-5.0, 6.0), Px::new(7.0, 0.1)],
+        corners: [1.0, 2.0, 3.0, 4.0].map(|x| Point::new(x, -x, 1000.0 + x)),
+        key_points_px: [0.0, 1.0, 2.0, 3.0].map(|i| [Px::new(i, 10.0), Px::new(i, 20.0 / 3.0)]),
+        rms_px: 0.4,
+        stripe_points_px: Default::default(),
+        edge_points_px: Default::default(),
+    }
+}
+
+fn sides(height_mm: f64) -> BoxMeasurement {
+    BoxMeasurement {
+        length: Estimate::new(550.5, 0.25),
+        width: Estimate::new(350.5, 0.2),
+        height: Estimate::new(height_mm, 0.1),
+        volume: Volume { value_m3: 0.0579, sigma_m3: 0.0001 },
+    }
+}
+
+fn report(outcome: Outcome) -> BoxReport {
+    let rejected = FaceOutcome::Rejected(Reject::RectangleOpen { sides_found: 3 });
+    BoxReport { outcome, faces: [FaceOutcome::Measured(Box::new(face())), rejected] }
+}
+
+fn every_reject() -> Vec<Reject> {
+    let laser = LaserId::new(3).unwrap();
+    vec![
+        Reject::NoBox { best_share: 0.25, needed_share: 0.75 },
+        Reject::StripeNotFound { laser, signal_to_noise: 1.5, needed: 6.0 },
+        Reject::StripeMissing { laser, stripes_on_face: 3 },
+        Reject::FaceCutByBorder { sides_cut: 2, at: Px::new(10.25, -0.5) },
+        Reject::FaceNotPlanar { rms_px: 3.0, limit_px: 2.0 },
+        Reject::RectangleOpen { sides_found: 3 },
+        Reject::NotARectangle { rms_px: 3.0, limit_px: 2.0 },
+        Reject::SidesDisagree {
+            first: Estimate::new(1.0, 0.1),
+            second: Estimate::new(2.0, 0.2),
+            limit_mm: 0.5,
+        },
+    ]
+}
+
+#[test]
+fn a_measured_box_as_json() {
+    let entry = json!({
+        "frame": "a", "outcome": "measured",
+        "length_mm": {"value": 550.5, "sigma": 0.25}, "width_mm": {"value": 300.0, "sigma": 0.1},
+        "corners_px": [[1.0, 2.0], [3.0, 4.5], [-5.0, 6.0], [7.0, 0.1]],
+        "key_points_px": {
+            "1": [[0.0, 10.0], [0.0, 20.0 / 3.0]], "2": [[1.0, 10.0], [1.0, 20.0 / 3.0]],
+            "3": [[2.0, 10.0], [2.0, 20.0 / 3.0]], "4": [[3.0, 10.0], [3.0, 20.0 / 3.0]],
+        },
+        "plane": {"normal": [0.0, 0.0, 1.0], "distance_mm": 1000.0}, "rms_px": 0.4, "reject": null,
+    });
+    let reject = json!({"reason": "rectangle_open", "sides_found": 3.0,
+                        "text": "only 3 of 4 sides of the face were found"});
+    let rejected = json!({
+        "frame": "b", "outcome": "rejected", "length_mm": null, "width_mm": null, "corners_px": null,
+        "key_points_px": null, "plane": null, "rms_px": null, "reject": reject,
+    });
+    let measured = report(Outcome::Measured(sides(300.0)));
+    let expected = json!({
+        "outcome": "measured",
+        "length_mm": {"value": 550.5, "sigma": 0.25}, "width_mm": {"value": 350.5, "sigma": 0.2},
+        "height_mm": {"value": 300.0, "sigma": 0.1}, "volume_m3": {"value": 0.0579, "sigma": 0.0001},
+        "candidates": [], "reject": null, "faces": [entry, rejected],
+    });
+    assert_eq!(report_json(&measured, ["a", "b"]), expected);
+    assert!(
+        report_json(&measured, ["a", "b"]).to_string().starts_with("{\"outcome\":"),
+        "people read it from the top"
+    );
+
+    let expected = json!({
+        "outcome": "measured",
+        "length_mm": {"value": 550.5, "sigma": 0.25}, "width_mm": {"value": 300.0, "sigma": 0.1},
+        "height_mm": null, "volume_m3": null, "candidates": [], "reject": null, "faces": [entry],
+    });
+    assert_eq!(face_json(&measured.faces[0], "a"), expected);
+    let expected = json!({
+        "outcome": "rejected", "length_mm": null, "width_mm": null, "height_mm": null, "volume_m3": null,
+        "candidates": [], "reject": reject, "faces": [rejected],
+    });
+    assert_eq!(face_json(&measured.faces[1], "b"), expected);
+}
+
+#[test]
+fn ambiguous_and_rejected_boxes_as_json() {
+    let both = report_json(&report(Outcome::Ambiguous([sides(300.0), sides(350.5)])), ["a", "b"]);
+    assert_eq!(
+        (&both["outcome"], &both["length_mm"], &both["reject"]),
+        (&json!("ambiguous"), &Value::Null, &Value::Null)
+    );
+    assert_eq!(both["candidates"][1]["height_mm"], json!({"value": 350.5, "sigma": 0.1}));
+    assert_eq!(both["candidates"].as_array().unwrap().len(), 2);
+    for reject in every_reject() {
+        let object = report_json(&report(Outcome::Rejected(reject.clone())), ["a", "b"]);
+        assert_eq!(object["reject"]["reason"], reject.reason());
+        assert_eq!(object["reject"]["text"], reject.to_string());
+        for (name, value) in reject.numbers() {
+            assert_eq!(object["reject"][name], value);
+        }
+    }
+}
+
+#[test]
+fn a_number_that_is_not_finite_is_null() {
+    let face = FaceMeasurement { rms_px: f64::NAN, ..face() };
+    let object = face_json(&FaceOutcome::Measured(Box::new(face)), "a");
+    assert_eq!(object["faces"][0]["rms_px"], Value::Null);
+}
+
+#[test]
+fn reports_there_and_back() {
+    let mut outcomes =
+        vec![Outcome::Measured(sides(300.0)), Outcome::Ambiguous([sides(300.0), sides(350.5)])];
+    outcomes.extend(every_reject().into_iter().map(Outcome::Rejected));
+    for outcome in outcomes {
+        let report = report(outcome);
+        let bytes = encode_report(&report, ["a", "b"]);
+        assert_eq!(decode_report(&bytes).unwrap(), (report, ["a".to_owned(), "b".to_owned()]));
+    }
+}
+
+#[test]
+fn calibrations_and_recordings_there_and_back() {
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/data");
+    let json = std::fs::read(data.join("calibration_set/calibration.json")).unwrap();
+    let calibration = parse_calibration(&json, "x").unwrap();
+    assert_eq!(decode_calibration(&encode_calibration(&calibration)).unwrap(), calibration);
+    let json = std::fs::read(data.join("b02/recording.json")).unwrap();
+    let recording = parse_recording(&json, "x", Path::new("x")).unwrap();
+    assert_eq!(decode_recording(&encode_recording(&recording).unwrap(), Path::new("x")).unwrap(), recording);
+}
+
+#[test]
+fn broken_messages_name_the_field() {
+    let whole = || {
+        v1::BoxReport::decode(&encode_report(&report(Outcome::Measured(sides(1.0))), ["a", "b"])[..]).unwrap()
+    };
+    type Breaking = fn(&mut v1::BoxReport);
+    let table: [(Breaking, &str); 12] = [
+        (|m| m.outcome = 0, "outcome: missing"),
+        (|m| m.outcome = 9, "outcome: 9 is not known"),
+        (|m| m.sides = None, "sides: missing"),
+        (|m| m.outcome = v1::Outcome::Ambiguous.into(), "candidates: found 0, 2 are needed"),
+        (|m| m.sides.as_mut().unwrap().height = None, "height: missing"),
+        (
+            |m| m.sides.as_mut().unwrap().volume.as_mut().unwrap().value_m3 = f64::INFINITY,
+            "volume: found inf",
+        ),
+        (|m| drop(m.faces.pop()), "faces: found 1, 2 are needed"),
+        (|m| m.faces[0].corners.truncate(3), "faces[0]: corners: found 3, 4 are needed"),
+        (|m| m.faces[0].corners[2].px = None, "faces[0]: corners: missing"),
+        (|m| m.faces[0].rms_px = f64::NAN, "faces[0]: rms_px: found NaN"),
+        (|m| m.faces[1].reject.as_mut().unwrap().reason = "mood".into(), "faces[1]: reject.reason: \"mood\""),
+        (
+            |m| m.faces[1].reject.as_mut().unwrap().numbers[0].value = 0.5,
+            "faces[1]: reject.sides_found: found 0.5",
+        ),
+    ];
+    for (breaking, part) in table {
+        let mut message = whole();
+        breaking(&mut message);
+        let error = decode_report(&message.encode_to_vec()).unwrap_err();
+        assert_eq!(error.kind(), ErrorKind::InvalidFile);
+        assert!(error.to_string().contains(part), "{part:?} is not in {error:?}");
+    }
+    let error = decode_calibration(&v1::Calibration::default().encode_to_vec()).unwrap_err();
+    assert_eq!(
+        (error.kind(), error.to_string()),
+        (ErrorKind::InvalidCalibration, "camera: missing".to_owned())
+    );
+    assert!(decode_report(b"\xff\xff\xff").unwrap_err().to_string().contains("boxline.v1.BoxReport"));
+}
+
+fn decode_as_everything(bytes: &[u8]) {
+    // Only that they return is tested.
+    drop(decode_report(bytes));
+    drop(decode_calibration(bytes));
+    drop(decode_recording(bytes, Path::new("x")));
+}
+
+proptest! {
+    #[test]
+    fn random_bytes_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..300)) {
+        decode_as_everything(&bytes);
+    }
+
+    #[test]
+    fn a_flipped_byte_never_panics(at in any::<prop::sample::Index>(), byte in any::<u8>()) {
+        let mut bytes = encode_report(&report(Outcome::Measured(sides(300.0))), ["a", "b"]);
+        let at = at.index(bytes.len());
+        bytes[at] = byte;
+        decode_as_everything(&bytes);
+    }
+}
