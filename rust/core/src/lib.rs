@@ -7,11 +7,14 @@
 
 pub mod calibration;
 pub mod camera;
+pub mod edges;
 pub mod error;
+pub mod face;
 pub mod frames;
 pub mod image;
 pub mod measurement;
 pub mod pipeline;
+pub mod rectangle;
 pub mod reject;
 pub mod stripe;
 pub mod units;

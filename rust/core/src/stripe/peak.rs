@@ -1,1 +1,197 @@
-//! Peaks.
+//! The centre of a stripe across one profile: centre of gravity, and Steger's ridge point for comparison.
+
+/// A peak in a profile.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Peak {
+    /// Centre, in samples from the start of the profile.
+    pub position: f64,
+    /// Height above the background, in the profile's own unit.
+    pub amplitude: f64,
+    /// Standard deviation of `position` from the background's noise alone, samples.
+    pub sigma: f64,
+    /// Noise of one sample of the background, in the profile's unit.
+    pub noise: f64,
+}
+
+/// How the centre is computed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Estimator {
+    /// Centre of gravity in a window that is centred on its own result.
+    CentreOfGravity,
+    /// Steger: zero of the first derivative of the profile smoothed by a Gaussian, where the second is most negative.
+    Steger,
+}
+
+/// Finds the highest peak within `search` samples of `expected` in a profile with a straight background.
+///
+/// `half_width` is half the stripe's width at its foot in samples; what lies farther than that from the peak is
+/// background. Returns `None` if the profile is too short or flat.
+#[must_use]
+pub fn find_peak(
+    profile: &[f32],
+    expected: f64,
+    search: f64,
+    half_width: f64,
+    estimator: Estimator,
+) -> Option<Peak> {
+    let n = profile.len();
+    if n < 8 {
+        return None;
+    }
+    let smooth = |i: usize| (profile[i - 1] + profile[i] + profile[i + 1]) / 3.0;
+    let first = ((expected - search).ceil().max(1.0)) as usize;
+    let last = ((expected + search).floor().min(n as f64 - 2.0)).max(0.0) as usize;
+    let top = (first..=last).max_by(|a, b| smooth(*a).total_cmp(&smooth(*b)))?;
+    let line = Background::fit(profile, top as f64, half_width)?;
+    let net = |i: usize| f64::from(profile[i]) - line.at(i as f64);
+    let amplitude = f64::from(smooth(top)) - line.at(top as f64);
+    if amplitude <= 0.0 {
+        return None;
+    }
+    let (position, lever) = match estimator {
+        Estimator::CentreOfGravity => centre_of_gravity(net, n, top as f64, half_width, amplitude)?,
+        Estimator::Steger => (steger(net, n, top, half_width)?, half_width),
+    };
+    // Variance of a centre of gravity: noise^2 sum(x^2) / (sum p)^2; for a bell of this width sum p = amplitude x width.
+    let samples = 2.0 * lever + 1.0;
+    let sigma = line.noise * (samples * lever * lever / 3.0).sqrt() / (amplitude * half_width);
+    Some(Peak { position, amplitude, sigma, noise: line.noise })
+}
+
+/// Iterations of the window's centre; each shrinks the offset by more than half.
+const RECENTRE: usize = 6;
+/// Below this share of the peak a sample is background: keeps far noise out of the centre of gravity.
+const CUT_OFF: f64 = 0.08;
+
+fn centre_of_gravity(
+    net: impl Fn(usize) -> f64,
+    n: usize,
+    top: f64,
+    half_width: f64,
+    amplitude: f64,
+) -> Option<(f64, f64)> {
+    let mut centre = top;
+    for _ in 0..RECENTRE {
+        let (mut sum, mut moment) = (0.0, 0.0);
+        let lo = (centre - half_width).floor().max(0.0) as usize;
+        let hi = ((centre + half_width).ceil() as usize).min(n - 1);
+        for i in lo..=hi {
+            // The window's ends count in part, so that the result moves smoothly with the window.
+            let inside = (half_width + 0.5 - (i as f64 - centre).abs()).clamp(0.0, 1.0);
+            let weight = (net(i) - CUT_OFF * amplitude).max(0.0) * inside;
+            sum += weight;
+            moment += weight * i as f64;
+        }
+        if sum <= 0.0 {
+            return None;
+        }
+        let next = moment / sum;
+        if (next - centre).abs() < 1e-3 {
+            centre = next;
+            break;
+        }
+        centre = next;
+    }
+    Some((centre, half_width))
+}
+
+fn steger(net: impl Fn(usize) -> f64, n: usize, top: usize, half_width: f64) -> Option<f64> {
+    // Steger's rule for a bar of half width w: sigma >= w / sqrt(3); the foot is about twice the bar.
+    let sigma = half_width / 2.0 / 3f64.sqrt();
+    let reach = (3.0 * sigma).ceil() as isize;
+    let derivative = |x: usize| {
+        let (mut d1, mut d2) = (0.0, 0.0);
+        for k in -reach..=reach {
+            let i = (x as isize + k).clamp(0, n as isize - 1) as usize;
+            let t = k as f64 / sigma;
+            let g = (-0.5 * t * t).exp();
+            d1 += net(i) * g * t / sigma;
+            d2 += net(i) * g * (t * t - 1.0) / (sigma * sigma);
+        }
+        (d1, d2)
+    };
+    let (lo, hi) = (top.saturating_sub(half_width as usize), (top + half_width as usize).min(n - 1));
+    let best = (lo..=hi).min_by(|a, b| derivative(*a).1.total_cmp(&derivative(*b).1))?;
+    let (d1, d2) = derivative(best);
+    let step = -d1 / d2;
+    (d2 < 0.0 && step.abs() < 2.0).then_some(best as f64 + step)
+}
+
+/// A straight line through the samples on both sides of a stripe.
+struct Background {
+    middle: f64,
+    level: f64,
+    slope: f64,
+    noise: f64,
+}
+
+impl Background {
+    fn fit(profile: &[f32], centre: f64, half_width: f64) -> Option<Self> {
+        let (mut count, mut sx, mut sy, mut sxx, mut sxy, mut syy) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+        let (mut left, mut right) = (0, 0);
+        for (i, y) in profile.iter().enumerate() {
+            let x = i as f64 - centre;
+            // Two stripe widths are enough to know the background; farther away other things begin.
+            if x.abs() <= half_width || x.abs() > 2.0 * half_width {
+                continue;
+            }
+            if x < 0.0 {
+                left += 1;
+            } else {
+                right += 1;
+            }
+            let y = f64::from(*y);
+            count += 1.0;
+            sx += x;
+            sy += y;
+            sxx += x * x;
+            sxy += x * y;
+            syy += y * y;
+        }
+        if left < 2 || right < 2 {
+            return None;
+        }
+        let spread = sxx - sx * sx / count;
+        let slope = (sxy - sx * sy / count) / spread;
+        let level = (sy - slope * sx) / count;
+        let rest = syy - level * sy - slope * sxy;
+        let noise = (rest.max(0.0) / (count - 2.0).max(1.0)).sqrt();
+        Some(Self { middle: centre, level, slope, noise })
+    }
+
+    fn at(&self, x: f64) -> f64 {
+        self.level + self.slope * (x - self.middle)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn bell(centre: f64, width: f64, saturation: f64) -> Vec<f32> {
+        (0..41)
+            .map(|i| {
+                let t = (f64::from(i) - centre) / width;
+                (20.0 + 0.3 * f64::from(i) + (100.0 * (-0.5 * t * t).exp()).min(saturation)) as f32
+            })
+            .collect()
+    }
+
+    proptest! {
+        #[test]
+        fn both_find_the_centre_of_a_noiseless_stripe(centre in 16.0..24.0f64, saturation in 50.0..200.0f64) {
+            let profile = bell(centre, 3.5, saturation);
+            for (estimator, limit) in [(Estimator::CentreOfGravity, 0.03), (Estimator::Steger, 0.03)] {
+                let peak = find_peak(&profile, 20.0, 8.0, 10.0, estimator).expect("there is a peak");
+                prop_assert!((peak.position - centre).abs() < limit, "{estimator:?}: {} for {centre}", peak.position);
+            }
+        }
+    }
+
+    #[test]
+    fn a_flat_or_short_profile_has_no_peak() {
+        assert_eq!(find_peak(&[5.0; 41], 20.0, 8.0, 10.0, Estimator::CentreOfGravity), None);
+        assert_eq!(find_peak(&[5.0; 3], 1.0, 1.0, 1.0, Estimator::Steger), None);
+    }
+}

@@ -1,1 +1,272 @@
-//! Trace.
+//! Follows one stripe across the whole image along the line that a plane predicts, and reports at each place whether the
+//! stripe is there and how far from the prediction.
+//!
+//! A stripe runs near a diagonal of the image, so profiles are taken along rows (or along columns if it is flatter than
+//! 45 degrees): contiguous memory, no interpolation. Several neighbouring rows are added along the predicted line into one
+//! profile; faint light takes more of them.
+
+use super::peak::{Estimator, find_peak};
+use crate::calibration::Calibration;
+use crate::frames::{Cam, Plane};
+use crate::image::{Frame, redness::redness_at};
+use crate::units::{LaserId, Px};
+use nalgebra::Vector3;
+
+/// One place along a stripe.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct StripePoint {
+    /// Row (or column) of the middle of the block: position along the stripe, px.
+    pub along_px: f64,
+    /// Where the plane predicts the stripe.
+    pub predicted: Px,
+    /// The peak that was found there, if any.
+    pub found: Option<Found>,
+    /// Noise of one sample of the averaged profile, grey levels; tells whether a stripe could have been seen.
+    pub noise: f64,
+}
+
+/// A peak near the predicted place.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Found {
+    /// Centre on the sensor.
+    pub at: Px,
+    /// Distance from the prediction across the stripe, px, signed.
+    pub residual_px: f64,
+    /// Standard deviation of the centre across the stripe, px.
+    pub sigma_px: f64,
+    /// Height over the background, grey levels of redness.
+    pub amplitude: f64,
+}
+
+/// How to follow a stripe.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct TraceSettings {
+    /// Rows per profile. More see fainter light and blur the ends of the stripe.
+    pub rows: usize,
+    /// Largest distance from the prediction across the stripe, px. More finds a worse prediction and more wrong peaks.
+    pub search_px: f64,
+    /// Smallest peak over noise of the averaged profile. Less finds fainter light and more wrong peaks.
+    pub min_signal_to_noise: f64,
+    /// Half the width of the stripe at its foot across it, px. Less cuts the stripe, more takes in what lies beside it.
+    pub half_width_px: f64,
+    /// How the centre is found.
+    pub estimator: Estimator,
+}
+
+/// A peak below this many grey levels of redness is no stripe whatever the noise: JPEG steps are of that size.
+const MIN_AMPLITUDE: f64 = 2.0;
+/// Speckle: the centre of one row scatters by this much (physics.md: 0.2 to 0.4 px), rows decorrelate after 1.5.
+const SPECKLE_PX: f64 = 0.3;
+const SPECKLE_ROWS: f64 = 1.5;
+
+/// The direction in which a stripe is walked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Walk {
+    /// Row by row: `along` is v, the profile runs along u.
+    Rows,
+    /// Column by column: `along` is u, the profile runs along v.
+    Columns,
+}
+
+/// The line of laser `id` on a plane: coefficients `q - p` of the ideal image, and how it is walked.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct StripeLine {
+    coefficients: Vector3<f64>,
+    pub walk: Walk,
+}
+
+impl StripeLine {
+    /// The line of a laser on a plane.
+    pub fn new(calibration: &Calibration, id: LaserId, plane: &Plane<Cam>) -> Self {
+        let coefficients = plane.per_mm - calibration.laser(id).per_mm;
+        let walk = if coefficients.x.abs() >= coefficients.y.abs() { Walk::Rows } else { Walk::Columns };
+        Self { coefficients, walk }
+    }
+
+    /// The pixel of the line at `along_px`, starting from a guess of the other coordinate; and |d(across)/d(normal)|,
+    /// the factor from a shift along the profile to one across the stripe.
+    pub fn px_at(&self, calibration: &Calibration, along_px: f64, guess_px: f64) -> Option<(Px, f64)> {
+        let mut other = guess_px;
+        let mut px = Px::new(0.0, 0.0);
+        let mut factor = 0.0;
+        for _ in 0..8 {
+            px = match self.walk {
+                Walk::Rows => Px::new(other, along_px),
+                Walk::Columns => Px::new(along_px, other),
+            };
+            let (ray, jacobian) = calibration.camera().ray_from_px_with_jacobian(px);
+            let value = self.coefficients.dot(&ray.xy1);
+            let gradient = jacobian.transpose() * self.coefficients.xy();
+            let slope = match self.walk {
+                Walk::Rows => gradient.x,
+                Walk::Columns => gradient.y,
+            };
+            if slope.abs() < 1e-12 {
+                return None;
+            }
+            factor = (slope / gradient.norm()).abs();
+            let step = value / slope;
+            other -= step;
+            if step.abs() < 1e-4 {
+                break;
+            }
+        }
+        other.is_finite().then_some((px, factor))
+    }
+}
+
+/// Follows the stripe of laser `id` on `plane` from `from_px` to `to_px` along its walk (both inside the image), starting
+/// at a pixel of it. Points come in order of `along_px`.
+pub(crate) fn trace(
+    frame: &Frame,
+    calibration: &Calibration,
+    line: &StripeLine,
+    range_px: std::ops::Range<f64>,
+    start: Px,
+    settings: &TraceSettings,
+) -> Vec<StripePoint> {
+    let (along_size, across_size) = match line.walk {
+        Walk::Rows => (frame.height_px(), frame.width_px()),
+        Walk::Columns => (frame.width_px(), frame.height_px()),
+    };
+    let (along_stride, across_stride) = match line.walk {
+        Walk::Rows => (frame.width_px(), 1),
+        Walk::Columns => (1, frame.width_px()),
+    };
+    let first = range_px.start.max(0.0).ceil() as usize;
+    let last = (range_px.end.min(along_size as f64)).max(0.0).floor() as usize;
+    let mut other = match line.walk {
+        Walk::Rows => start.u,
+        Walk::Columns => start.v,
+    };
+    // The curve bends so little that Newton reaches it from a straight guess.
+    let Some((_, factor)) = line.px_at(calibration, first as f64, other) else { return Vec::new() };
+    let half = ((2.0 * settings.half_width_px + settings.search_px) / factor.max(0.3)).ceil() as usize;
+    let mut profile = vec![0f32; 2 * half + 1];
+    let mut points = Vec::with_capacity((last.saturating_sub(first)) / settings.rows.max(1) + 1);
+    let rgb = frame.rgb();
+    let mut row = first;
+    while row + settings.rows <= last {
+        profile.fill(0.0);
+        let mut rest = 0.0;
+        let mut count = 0usize;
+        let mut factor = 1.0;
+        for r in row..row + settings.rows {
+            let Some((px, f)) = line.px_at(calibration, r as f64, other) else { break };
+            other = match line.walk {
+                Walk::Rows => px.u,
+                Walk::Columns => px.v,
+            };
+            let base = other.round();
+            if base < half as f64 || base + half as f64 + 1.0 > across_size as f64 {
+                continue;
+            }
+            let from = base as usize - half;
+            for (k, p) in profile.iter_mut().enumerate() {
+                *p += redness_at(rgb, r * along_stride + (from + k) * across_stride);
+            }
+            rest += other - base;
+            count += 1;
+            factor = f;
+        }
+        let middle = row as f64 + 0.5 * (settings.rows as f64 - 1.0);
+        row += settings.rows;
+        if count < settings.rows {
+            continue; // the window leaves the image here
+        }
+        let Some((predicted, _)) = line.px_at(calibration, middle, other) else { continue };
+        let scale = 1.0 / count as f32;
+        profile.iter_mut().for_each(|p| *p *= scale);
+        let expected = half as f64 + rest / count as f64;
+        let found = find_peak(
+            &profile,
+            expected,
+            settings.search_px / factor,
+            settings.half_width_px / factor,
+            settings.estimator,
+        );
+        let noise = found.map_or(0.0, |p| p.noise);
+        let found = found
+            .filter(|p| {
+                p.amplitude > MIN_AMPLITUDE
+                    && p.amplitude > settings.min_signal_to_noise * p.noise
+                    && (p.position - expected).abs() * factor <= settings.search_px + 1.0
+            })
+            .map(|p| {
+                let shift = p.position - expected;
+                let at = match line.walk {
+                    Walk::Rows => Px::new(predicted.u + shift, predicted.v),
+                    Walk::Columns => Px::new(predicted.u, predicted.v + shift),
+                };
+                let speckle = SPECKLE_PX / (count as f64 / SPECKLE_ROWS).max(1.0).sqrt();
+                Found {
+                    at,
+                    residual_px: shift * factor,
+                    sigma_px: (p.sigma * factor).hypot(speckle),
+                    amplitude: p.amplitude,
+                }
+            });
+        points.push(StripePoint { along_px: middle, predicted, found, noise });
+    }
+    points
+}
+
+/// Offsets across the stripe that the mean profile covers, px: more than twice the widest stripe's foot.
+const PROFILE_PX: usize = 36;
+/// Allowed half widths at the foot, px: optics and sensor blur set the lower, a 3 mm beam at 0.35 m the upper.
+const HALF_WIDTHS_PX: (f64, f64) = (4.0, 18.0);
+/// Foot over half width at half height: 1.85 for a bell (3 sigma would be 2.55, but its foot is below 5 % there), less
+/// for a saturated stripe, where a wider window costs little.
+const FOOT_PER_HALF_HEIGHT: f64 = 1.9;
+
+/// Half the width of the stripes at their foot, px across, from the mean profile along all given pieces.
+pub(crate) fn measure_half_width_px(
+    frame: &Frame,
+    calibration: &Calibration,
+    pieces: &[(StripeLine, std::ops::Range<f64>, Px)],
+) -> Option<f64> {
+    const N: usize = 2 * PROFILE_PX + 1;
+    let mut sum = [0f64; N];
+    let mut count = 0.0;
+    for (line, range, start) in pieces {
+        let (along_stride, across_stride, along_size, across_size) = match line.walk {
+            Walk::Rows => (frame.width_px(), 1, frame.height_px(), frame.width_px()),
+            Walk::Columns => (1, frame.width_px(), frame.width_px(), frame.height_px()),
+        };
+        let mut other = match line.walk {
+            Walk::Rows => start.u,
+            Walk::Columns => start.v,
+        };
+        let mut row = range.start.max(0.0).ceil() as usize;
+        while (row as f64) < range.end.min(along_size as f64) {
+            let Some((px, factor)) = line.px_at(calibration, row as f64, other) else { break };
+            other = match line.walk {
+                Walk::Rows => px.u,
+                Walk::Columns => px.v,
+            };
+            let reach = PROFILE_PX as f64 / factor.max(0.3);
+            if other > reach && other + reach + 1.0 < across_size as f64 {
+                for (k, s) in sum.iter_mut().enumerate() {
+                    let offset = (k as f64 - PROFILE_PX as f64) / factor.max(0.3);
+                    let at = (other + offset).round() as usize;
+                    *s += f64::from(redness_at(frame.rgb(), row * along_stride + at * across_stride));
+                }
+                count += 1.0;
+            }
+            row += 2;
+        }
+    }
+    if count < 16.0 {
+        return None;
+    }
+    // The profile is made even: a slope of the background drops out.
+    let even: Vec<f64> = (0..=PROFILE_PX).map(|d| (sum[PROFILE_PX - d] + sum[PROFILE_PX + d]) / (2.0 * count)).collect();
+    let outer = &even[PROFILE_PX - 8..];
+    let level = outer.iter().sum::<f64>() / outer.len() as f64;
+    let top = even[..3].iter().copied().fold(f64::NEG_INFINITY, f64::max) - level;
+    if top <= 0.0 {
+        return None;
+    }
+    let below = even.iter().position(|y| y - level < 0.5 * top)?;
+    Some((below as f64 * FOOT_PER_HALF_HEIGHT).clamp(HALF_WIDTHS_PX.0, HALF_WIDTHS_PX.1))
+}

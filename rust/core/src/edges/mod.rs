@@ -1,0 +1,29 @@
+//! The edges of a face: where along a direction a straight edge lies ([`side_scan`]), and its sub-pixel course
+//! ([`subpixel`]).
+
+pub(crate) mod side_scan;
+pub(crate) mod subpixel;
+
+use crate::image::Frame;
+
+/// Brightness for edges, grey levels: green and blue, where the red laser hardly shows.
+#[inline]
+pub(crate) fn brightness(frame: &Frame, u: f64, v: f64) -> Option<f32> {
+    let (w, h) = (frame.width_px(), frame.height_px());
+    if !(u >= 0.0 && v >= 0.0) {
+        return None;
+    }
+    let (x, y) = (u as usize, v as usize);
+    if x + 1 >= w || y + 1 >= h {
+        return None;
+    }
+    let (fu, fv) = ((u - x as f64) as f32, (v - y as f64) as f32);
+    let rgb = frame.rgb();
+    let at = |x: usize, y: usize| {
+        let i = (y * w + x) * 3;
+        0.5 * (f32::from(rgb[i + 1]) + f32::from(rgb[i + 2]))
+    };
+    let top = at(x, y) * (1.0 - fu) + at(x + 1, y) * fu;
+    let bottom = at(x, y + 1) * (1.0 - fu) + at(x + 1, y + 1) * fu;
+    Some(top * (1.0 - fv) + bottom * fv)
+}

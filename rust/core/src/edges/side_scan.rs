@@ -1,0 +1,176 @@
+//! Evidence for a straight edge at each offset: the side is cut into segments, each gives a mean brightness profile
+//! across it, and an edge is where most segments show a step (or a thin dark line: the seam between flush boxes) at the
+//! same place. Print, labels and tape seldom run the whole length of a side.
+
+use super::brightness;
+use crate::calibration::Calibration;
+use crate::face::raster::{OnPlane, PlaneRaster};
+use crate::image::Frame;
+
+/// Which raster coordinate the scan moves along; the side runs along the other one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Across {
+    /// Sides that stripes 1 and 2 cross: offset along a.
+    A,
+    /// Sides that stripes 3 and 4 cross: offset along b.
+    B,
+}
+
+impl Across {
+    /// A raster position from the offset across the side and the position along it, mm.
+    pub fn at(self, offset: f64, along: f64) -> OnPlane {
+        match self {
+            Self::A => OnPlane::new(offset, along),
+            Self::B => OnPlane::new(along, offset),
+        }
+    }
+}
+
+/// Segments of a side.
+pub(crate) const SEGMENTS: usize = 16;
+/// Brightness samples added up in one segment at each offset.
+const SAMPLES: usize = 10;
+/// Half the distance over which a step is measured, in scan steps (about px): the optics blur an edge over 2 to 3 px.
+const REACH: usize = 2;
+/// A step this many noise sigmas high counts fully; one segment must not outvote the others.
+const FULL_SIGMAS: f32 = 5.0;
+/// Exact projections every so many scan steps, straight lines between: distortion bends by less than 0.05 px there.
+const NODE: usize = 32;
+
+/// Edge evidence of all segments over the offsets.
+pub(crate) struct SideScan {
+    /// Offset of the first step, mm.
+    pub start_mm: f64,
+    /// Distance of two steps, mm; about a pixel.
+    pub step_mm: f64,
+    steps: usize,
+    /// Strength 0 to 1 per segment and step.
+    strength: Vec<f32>,
+}
+
+/// An edge candidate: offset at the middle of the side and its change from the first to the last segment, mm.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct EdgeCandidate {
+    pub offset_mm: f64,
+    pub drift_mm: f64,
+    /// Mean strength of the segments, 0 to 1.
+    pub strength: f32,
+}
+
+impl SideScan {
+    /// Scans offsets `from_mm..to_mm` for a side that spans `span_mm` along its direction.
+    pub fn new(
+        frame: &Frame,
+        calibration: &Calibration,
+        raster: &PlaneRaster,
+        across: Across,
+        from_mm: f64,
+        to_mm: f64,
+        span_mm: (f64, f64),
+        step_mm: f64,
+    ) -> Self {
+        let steps = (((to_mm - from_mm) / step_mm).ceil().max(0.0) as usize + 1).min(6000);
+        let mut strength = vec![0f32; SEGMENTS * steps];
+        let mut sum = vec![0f32; steps];
+        let mut count = vec![0f32; steps];
+        let mut gradient = vec![0f32; steps];
+        let mut sorted = Vec::with_capacity(steps);
+        for segment in 0..SEGMENTS {
+            sum.fill(0.0);
+            count.fill(0.0);
+            for sample in 0..SAMPLES {
+                let t = (segment as f64 + (sample as f64 + 0.5) / SAMPLES as f64) / SEGMENTS as f64;
+                let along = span_mm.0 + (span_mm.1 - span_mm.0) * t;
+                let mut here = raster.to_px(calibration, across.at(from_mm, along));
+                for node in (0..steps).step_by(NODE) {
+                    let last = (node + NODE).min(steps);
+                    let there =
+                        raster.to_px(calibration, across.at(from_mm + (node + NODE) as f64 * step_mm, along));
+                    if let (Some(p), Some(q)) = (here, there) {
+                        let (du, dv) = ((q.u - p.u) / NODE as f64, (q.v - p.v) / NODE as f64);
+                        for k in node..last {
+                            let s = (k - node) as f64;
+                            if let Some(y) = brightness(frame, p.u + du * s, p.v + dv * s) {
+                                sum[k] += y;
+                                count[k] += 1.0;
+                            }
+                        }
+                    }
+                    here = there;
+                }
+            }
+            for (s, c) in sum.iter_mut().zip(&count) {
+                *s = if *c * 2.0 > SAMPLES as f32 { *s / c } else { f32::NAN };
+            }
+            gradient.fill(0.0);
+            sorted.clear();
+            for k in 2 * REACH..steps.saturating_sub(2 * REACH) {
+                let step = sum[k + REACH] - sum[k - REACH];
+                let line = sum[k] - 0.5 * (sum[k - 2 * REACH] + sum[k + 2 * REACH]);
+                // A thin line must be dark: the gap between two boxes.
+                let value = step.abs().max(-1.5 * line);
+                if value.is_finite() {
+                    gradient[k] = value;
+                    sorted.push(step.abs());
+                }
+            }
+            if sorted.len() < 16 {
+                continue;
+            }
+            let middle = sorted.len() / 2;
+            let sigma = (*sorted.select_nth_unstable_by(middle, f32::total_cmp).1 / 0.6745).max(0.5);
+            let out = &mut strength[segment * steps..][..steps];
+            for (o, g) in out.iter_mut().zip(&gradient) {
+                *o = ((g / sigma - 1.0) / (FULL_SIGMAS - 1.0)).clamp(0.0, 1.0);
+            }
+        }
+        Self { start_mm: from_mm, step_mm, steps, strength }
+    }
+
+    /// Strength of the straight edge at `offset_mm` (at the middle of the side) with `drift_mm` from end to end.
+    fn strength_at(&self, step: f64, drift_steps: f64) -> f32 {
+        let mut sum = 0.0;
+        for segment in 0..SEGMENTS {
+            let t = (segment as f64 + 0.5) / SEGMENTS as f64 - 0.5;
+            let k = (step + drift_steps * t).round();
+            if k >= 1.0 && (k as usize) + 1 < self.steps {
+                let row = &self.strength[segment * self.steps..][..self.steps];
+                let k = k as usize;
+                sum += row[k].max(0.7 * row[k - 1].max(row[k + 1]));
+            }
+        }
+        sum / SEGMENTS as f32
+    }
+
+    /// The strongest edges, at least `apart_mm` from each other, strongest first.
+    pub fn candidates(&self, max_drift_mm: f64, apart_mm: f64, least: f32, keep: usize) -> Vec<EdgeCandidate> {
+        let max_drift = (max_drift_mm / self.step_mm).round().clamp(0.0, 40.0) as i64;
+        let mut all = Vec::new();
+        for k in 0..self.steps {
+            let best = (-max_drift..=max_drift)
+                .map(|d| (self.strength_at(k as f64, d as f64), d))
+                // With equal strength the least drift is the likeliest.
+                .max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.abs().cmp(&a.1.abs())));
+            if let Some((strength, drift)) = best
+                && strength >= least
+            {
+                all.push(EdgeCandidate {
+                    offset_mm: self.start_mm + k as f64 * self.step_mm,
+                    drift_mm: drift as f64 * self.step_mm,
+                    strength,
+                });
+            }
+        }
+        all.sort_by(|a, b| b.strength.total_cmp(&a.strength));
+        let mut kept: Vec<EdgeCandidate> = Vec::new();
+        for candidate in all {
+            if kept.len() == keep {
+                break;
+            }
+            if kept.iter().all(|k| (k.offset_mm - candidate.offset_mm).abs() >= apart_mm) {
+                kept.push(candidate);
+            }
+        }
+        kept
+    }
+}

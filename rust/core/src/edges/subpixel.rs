@@ -1,0 +1,1 @@
+//! Sub-pixel edge points.

@@ -1,0 +1,252 @@
+//! How far each stripe stays on the face's plane: its ends are the key points D1-D8, unless a neighbour is flush.
+
+use super::plane_fit::{StripeObservation, fit_plane, PlaneFit};
+use crate::calibration::Calibration;
+use crate::frames::{Cam, Plane, Ray};
+use crate::image::Frame;
+use crate::stripe::peak::Estimator;
+use crate::stripe::trace::{StripeLine, StripePoint, TraceSettings, Walk, measure_half_width_px, trace};
+use crate::units::{LaserId, Px};
+
+/// Where a stripe leaves the plane, at one of its ends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct StripeEnd {
+    /// Predicted stripe pixel half way between the last place on the plane and the first one off it.
+    pub at: Px,
+    /// Half the uncertain stretch, px along the stripe.
+    pub uncertainty_px: f64,
+    /// The stripe runs on to the image border: its end was not seen.
+    pub at_border: bool,
+}
+
+/// A stripe on the face's plane.
+#[derive(Clone, Debug)]
+pub(crate) struct FaceStripe {
+    pub laser: LaserId,
+    pub line: StripeLine,
+    /// The lower and the upper end along the walk.
+    pub ends: [StripeEnd; 2],
+    /// All places along the whole line, on the plane or not.
+    pub points: Vec<StripePoint>,
+    /// Range of `points` that lies on the plane.
+    pub on_plane: std::ops::Range<usize>,
+    /// Share of the inner segment (between the crossings) that was seen on the plane, 0 to 1.
+    pub inner_share: f64,
+    /// Rows per point.
+    pub rows: usize,
+    /// Median peak over noise of the averaged profiles on the plane.
+    pub signal_to_noise: f64,
+}
+
+/// The face's plane and the four stripes on it.
+#[derive(Clone, Debug)]
+pub(crate) struct FaceStripes {
+    pub fit: PlaneFit,
+    pub stripes: [FaceStripe; 4],
+    /// Half the width of the stripes at their foot, px.
+    pub half_width_px: f64,
+}
+
+/// Fewest and most rows in one profile: 4 keep the ends sharp, 64 still follow a line that a tilted face bends.
+const ROWS: std::ops::RangeInclusive<usize> = 4..=64;
+/// Half width of a stripe before it is measured, px: between the narrowest and the widest.
+const FIRST_HALF_WIDTH_PX: f64 = 10.0;
+/// Peak over noise that one profile should reach: at 6 the centre scatters by about a pixel.
+const WANTED_SNR: f64 = 6.0;
+/// A peak farther than this from the prediction is not on the plane, px; 1 px is 4 mm of depth at 1 m.
+const ON_PLANE_PX: f64 = 1.0;
+/// ... or farther than this many of its sigmas.
+const ON_PLANE_SIGMAS: f64 = 4.0;
+/// What a place without a peak counts against the stripe, a place with a peak on the plane counting 1: dark print and
+/// black tape swallow a stripe for a while; it must come back for as many places as half the gap.
+const ABSENT: f64 = -0.5;
+/// What a peak off the plane counts.
+const OFF_PLANE: f64 = -1.0;
+
+/// The crossing of lasers `i` and `j` on a plane.
+pub(crate) fn crossing_px(calibration: &Calibration, plane: &Plane<Cam>, i: LaserId, j: LaserId) -> Option<Px> {
+    let x = (plane.per_mm - calibration.laser(i).per_mm).cross(&(plane.per_mm - calibration.laser(j).per_mm));
+    if x.z.abs() < 1e-15 {
+        return None;
+    }
+    let x = x / x.z;
+    calibration.camera().px_from_ray(&Ray::new(x.x, x.y))
+}
+
+/// The two lasers that cross a laser's stripe.
+pub(crate) fn crossing_lasers(id: LaserId) -> [LaserId; 2] {
+    let [l1, l2, l3, l4] = LaserId::ALL;
+    if id.number() <= 2 { [l3, l4] } else { [l1, l2] }
+}
+
+/// Refines the plane of a hypothesis and follows its stripes to their ends. `None` if the stripes do not hold it.
+pub(crate) fn follow_stripes(frame: &Frame, calibration: &Calibration, start: &Plane<Cam>) -> Option<FaceStripes> {
+    let mut plane = *start;
+    let mut settings =
+        TraceSettings { rows: 16, search_px: 10.0, min_signal_to_noise: 3.0, half_width_px: FIRST_HALF_WIDTH_PX, estimator: Estimator::CentreOfGravity };
+    let mut rows = [16; 4];
+    // First the inner segments alone: whatever lies around the face cannot mislead them.
+    for search_px in [10.0, 6.0, 4.0] {
+        settings.search_px = search_px;
+        let mut observations = Vec::new();
+        let mut pieces = Vec::with_capacity(4);
+        for id in LaserId::ALL {
+            pieces.push(inner_segment(calibration, &plane, id)?);
+        }
+        settings.half_width_px =
+            measure_half_width_px(frame, calibration, &pieces).unwrap_or(settings.half_width_px);
+        for (id, (line, range, from)) in LaserId::ALL.into_iter().zip(pieces) {
+            settings.rows = rows[id.index()];
+            let points = trace(frame, calibration, &line, range, from, &settings);
+            rows[id.index()] = rows_for(&points, settings.rows);
+            collect(id, &points, &mut observations);
+        }
+        plane = fit_plane(calibration, &observations, &plane)?.plane;
+    }
+    // Then outwards, twice: longer stripes fix the plane better, a better plane predicts the ends better.
+    let mut result = None;
+    for search_px in [5.0, 4.0] {
+        settings.search_px = search_px;
+        let mut observations = Vec::new();
+        let mut stripes = Vec::with_capacity(4);
+        for id in LaserId::ALL {
+            settings.rows = rows[id.index()];
+            let stripe = follow(frame, calibration, &plane, id, &settings)?;
+            collect(id, &stripe.points[stripe.on_plane.clone()], &mut observations);
+            stripes.push(stripe);
+        }
+        let fit = fit_plane(calibration, &observations, &plane)?;
+        plane = fit.plane;
+        result = Some(FaceStripes { fit, stripes: stripes.try_into().ok()?, half_width_px: settings.half_width_px });
+    }
+    result
+}
+
+fn collect(laser: LaserId, points: &[StripePoint], observations: &mut Vec<StripeObservation>) {
+    observations.extend(
+        points.iter().filter_map(|p| p.found).map(|f| StripeObservation { laser, at: f.at, sigma_px: f.sigma_px }),
+    );
+}
+
+fn along(line: &StripeLine, px: Px) -> f64 {
+    match line.walk {
+        Walk::Rows => px.v,
+        Walk::Columns => px.u,
+    }
+}
+
+fn inner_segment(
+    calibration: &Calibration,
+    plane: &Plane<Cam>,
+    id: LaserId,
+) -> Option<(StripeLine, std::ops::Range<f64>, Px)> {
+    let line = StripeLine::new(calibration, id, plane);
+    let [i, j] = crossing_lasers(id);
+    let (a, b) = (crossing_px(calibration, plane, id, i)?, crossing_px(calibration, plane, id, j)?);
+    let (first, last) = if along(&line, a) <= along(&line, b) { (a, b) } else { (b, a) };
+    Some((line, along(&line, first)..along(&line, last), first))
+}
+
+/// Rows per profile so that the median place reaches the wanted signal to noise.
+fn rows_for(points: &[StripePoint], rows: usize) -> usize {
+    let mut snr: Vec<f64> = points
+        .iter()
+        .map(|p| p.found.map_or(1.0, |f| f.amplitude / p.noise.max(1e-3)))
+        .collect();
+    if snr.is_empty() {
+        return rows;
+    }
+    let middle = snr.len() / 2;
+    let median = *snr.select_nth_unstable_by(middle, f64::total_cmp).1;
+    let needed = rows as f64 * (WANTED_SNR / median).powi(2);
+    let mut power = *ROWS.start();
+    while (power as f64) < needed && power < *ROWS.end() {
+        power *= 2;
+    }
+    power
+}
+
+fn follow(
+    frame: &Frame,
+    calibration: &Calibration,
+    plane: &Plane<Cam>,
+    id: LaserId,
+    settings: &TraceSettings,
+) -> Option<FaceStripe> {
+    let (line, inner, first) = inner_segment(calibration, plane, id)?;
+    let size = match line.walk {
+        Walk::Rows => frame.height_px(),
+        Walk::Columns => frame.width_px(),
+    } as f64;
+    // Start at the image border, on the line.
+    let other = match line.walk {
+        Walk::Rows => first.u,
+        Walk::Columns => first.v,
+    };
+    let start = line.px_at(calibration, 0.0, other)?.0;
+    let points = trace(frame, calibration, &line, 0.0..size, start, settings);
+    if points.is_empty() {
+        return None;
+    }
+    let score = |p: &StripePoint| match p.found {
+        Some(f) if f.residual_px.abs() <= ON_PLANE_PX.max(ON_PLANE_SIGMAS * f.sigma_px) => 1.0,
+        Some(_) => OFF_PLANE,
+        None => ABSENT,
+    };
+    let lo = points.partition_point(|p| p.along_px < inner.start);
+    let hi = points.partition_point(|p| p.along_px <= inner.end);
+    if hi <= lo {
+        return None;
+    }
+    let seen = points[lo..hi].iter().filter(|p| score(p) > 0.0).count();
+    let inner_share = seen as f64 / (hi - lo) as f64;
+    // The most likely end is where the running sum outwards is largest.
+    let reach = |places: &mut dyn Iterator<Item = usize>| {
+        let (mut sum, mut best, mut best_count, mut count) = (0.0, 0.0, 0, 0);
+        for i in places {
+            sum += score(&points[i]);
+            count += 1;
+            if sum > best {
+                best = sum;
+                best_count = count;
+            }
+        }
+        best_count
+    };
+    let end = hi + reach(&mut (hi..points.len()));
+    let begin = lo - reach(&mut (0..lo).rev());
+    let spacing = settings.rows as f64;
+    let place = |inside: usize, outside: Option<usize>| {
+        let (at, at_border) = match outside {
+            Some(o) => {
+                let middle = 0.5 * (points[inside].along_px + points[o].along_px);
+                (middle, false)
+            }
+            None => (points[inside].along_px, true),
+        };
+        let guess = match line.walk {
+            Walk::Rows => points[inside].predicted.u,
+            Walk::Columns => points[inside].predicted.v,
+        };
+        let px = line.px_at(calibration, at, guess).map_or(points[inside].predicted, |(px, _)| px);
+        StripeEnd { at: px, uncertainty_px: spacing, at_border }
+    };
+    let ends = [
+        place(begin, begin.checked_sub(1)),
+        place(end - 1, (end < points.len()).then_some(end)),
+    ];
+    let mut snr: Vec<f64> =
+        points[begin..end].iter().map(|p| p.found.map_or(0.0, |f| f.amplitude / p.noise.max(1e-3))).collect();
+    let middle = snr.len() / 2;
+    let signal_to_noise = *snr.select_nth_unstable_by(middle, f64::total_cmp).1;
+    Some(FaceStripe {
+        laser: id,
+        line,
+        ends,
+        points,
+        on_plane: begin..end,
+        inner_share,
+        rows: settings.rows,
+        signal_to_noise,
+    })
+}

@@ -1,0 +1,64 @@
+//! Two-dimensional coordinates on a face's plane in mm, and the way to the sensor and back.
+
+use crate::calibration::Calibration;
+use crate::frames::{Cam, Plane, Point};
+use crate::units::Px;
+use nalgebra::{Vector2, Vector3};
+
+/// A position on the plane: `a` along the first axis, `b` along the second, mm.
+pub(crate) type OnPlane = Vector2<f64>;
+
+/// A right-angled raster on a plane. Axis a is roughly the direction of stripes 1 and 2, b that of 3 and 4.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PlaneRaster {
+    pub plane: Plane<Cam>,
+    origin: Vector3<f64>,
+    axis_a: Vector3<f64>,
+    axis_b: Vector3<f64>,
+}
+
+impl PlaneRaster {
+    /// A raster with its origin where the pixel `at` sees the plane and axis a towards the pixel `towards`.
+    pub fn new(calibration: &Calibration, plane: &Plane<Cam>, at: Px, towards: Px) -> Option<Self> {
+        let origin = plane.intersect(&calibration.camera().ray_from_px(at))?.mm;
+        let second = plane.intersect(&calibration.camera().ray_from_px(towards))?.mm;
+        let (normal, _) = plane.normal_and_distance_mm();
+        let axis_a = (second - origin).try_normalize(1e-9)?;
+        Some(Self { plane: *plane, origin, axis_a, axis_b: normal.cross(&axis_a) })
+    }
+
+    /// The same raster turned by `angle_rad` about its origin.
+    pub fn turned(&self, angle_rad: f64) -> Self {
+        let (s, c) = angle_rad.sin_cos();
+        Self {
+            axis_a: self.axis_a * c + self.axis_b * s,
+            axis_b: self.axis_b * c - self.axis_a * s,
+            ..*self
+        }
+    }
+
+    /// Where a pixel sees the plane.
+    pub fn from_px(&self, calibration: &Calibration, px: Px) -> Option<OnPlane> {
+        let p = self.plane.intersect(&calibration.camera().ray_from_px(px))?.mm - self.origin;
+        Some(OnPlane::new(p.dot(&self.axis_a), p.dot(&self.axis_b)))
+    }
+
+    /// The point in the camera frame.
+    pub fn to_cam(&self, at: OnPlane) -> Point<Cam> {
+        Point::from_vector(self.origin + self.axis_a * at.x + self.axis_b * at.y)
+    }
+
+    /// The pixel of a point of the plane.
+    pub fn to_px(&self, calibration: &Calibration, at: OnPlane) -> Option<Px> {
+        calibration.camera().px_from_point(&self.to_cam(at))
+    }
+
+    /// Size of a pixel on the plane around `at`, mm (geometric mean of both directions).
+    pub fn mm_per_px(&self, calibration: &Calibration, at: OnPlane) -> Option<f64> {
+        let p = self.to_px(calibration, at)?;
+        let q = self.to_px(calibration, at + OnPlane::new(1.0, 0.0))?;
+        let r = self.to_px(calibration, at + OnPlane::new(0.0, 1.0))?;
+        let area = ((q.u - p.u) * (r.v - p.v) - (q.v - p.v) * (r.u - p.u)).abs();
+        (area > 1e-9).then(|| 1.0 / area.sqrt())
+    }
+}

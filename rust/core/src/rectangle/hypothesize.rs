@@ -1,0 +1,336 @@
+//! Which rectangle on the plane is the face: its direction from the ends of the stripes, its four sides from the ends
+//! where a stripe leaves the plane and from straight image edges where a flush neighbour carries the stripe on.
+
+use crate::calibration::Calibration;
+use crate::edges::side_scan::{Across, EdgeCandidate, SideScan};
+use crate::face::extent::{FaceStripes, crossing_lasers, crossing_px};
+use crate::face::raster::{OnPlane, PlaneRaster};
+use crate::image::Frame;
+use crate::reject::Reject;
+use crate::units::{LaserId, Px};
+
+/// A rectangle to within some pixels: sides parallel to the raster's axes.
+#[derive(Clone, Debug)]
+pub(crate) struct RoughRectangle {
+    pub raster: PlaneRaster,
+    /// Offsets of the sides in the order [`SIDES`], mm.
+    pub offsets_mm: [f64; 4],
+    /// Share of each side on which an image edge was seen, 0 to 1.
+    pub support: [f32; 4],
+    /// Whether the ends of both stripes lie on the side (not so beside a flush neighbour).
+    pub at_ends: [bool; 4],
+    /// Size of a pixel on the face, mm.
+    pub mm_per_px: f64,
+}
+
+/// The four sides: low and high a, low and high b.
+pub(crate) const SIDES: [(Across, bool); 4] =
+    [(Across::A, false), (Across::A, true), (Across::B, false), (Across::B, true)];
+
+/// The two stripes that cross a side.
+pub(crate) fn stripes_across(across: Across) -> [LaserId; 2] {
+    let [l1, l2, l3, l4] = LaserId::ALL;
+    match across {
+        Across::A => [l1, l2],
+        Across::B => [l3, l4],
+    }
+}
+
+/// Two ends that belong to one side differ by no more than this, px, beyond the length of a profile block.
+const END_TOLERANCE_PX: f64 = 12.0;
+/// Largest angle between a stripe and the box's edge: the head is rolled along the edges by eye, a tilted face shears.
+const MAX_ANGLE_RAD: f64 = 0.55;
+/// An image edge must be seen on this share of a side where the stripes end too ...
+const SUPPORT_AT_ENDS: f32 = 0.35;
+/// ... and on this share where only the image tells: print and tape seldom fill 16 segments.
+const SUPPORT_ALONE: f32 = 0.75;
+/// Candidates kept per side.
+const KEEP: usize = 4;
+/// Two candidates are one if they are closer than this, px.
+const APART_PX: f64 = 4.0;
+/// A side may be turned against the raster by this much from end to end, px.
+const DRIFT_PX: f64 = 8.0;
+
+/// An end of a stripe on the raster.
+#[derive(Clone, Copy)]
+struct End {
+    at: OnPlane,
+    px: Px,
+    at_border: bool,
+    uncertainty_px: f64,
+}
+
+/// Finds the rectangle, or says why there is none.
+pub(crate) fn hypothesize(
+    frame: &Frame,
+    calibration: &Calibration,
+    face: &FaceStripes,
+) -> Result<RoughRectangle, Reject> {
+    let open = || Reject::RectangleOpen { sides_found: 0 };
+    let [l1, _, l3, l4] = LaserId::ALL;
+    let plane = &face.fit.plane;
+    let at = crossing_px(calibration, plane, l1, l3).ok_or_else(open)?;
+    let towards = crossing_px(calibration, plane, l1, l4).ok_or_else(open)?;
+    let raster = PlaneRaster::new(calibration, plane, at, towards).ok_or_else(open)?;
+    let mm_per_px = raster.mm_per_px(calibration, OnPlane::zeros()).ok_or_else(open)?;
+    let ends = ends_by_side(calibration, face, &raster).ok_or_else(open)?;
+    let angle = direction(&ends, mm_per_px).ok_or_else(|| cut_or_open(&ends, frame))?;
+    let raster = raster.turned(angle);
+    let ends = ends_by_side(calibration, face, &raster).ok_or_else(open)?;
+
+    let scale = Scale { mm_per_px, half_width_mm: face.half_width_px * mm_per_px };
+    let mut sides = Vec::with_capacity(4);
+    for (side, pair) in SIDES.iter().zip(&ends) {
+        sides.push(side_candidates(frame, calibration, face, &raster, *side, pair, &scale).ok_or_else(open)?);
+    }
+    let found = sides.iter().filter(|s| !s.is_empty()).count();
+    if found < 4 {
+        let any_border = ends.iter().zip(&sides).any(|(e, s)| s.is_empty() && e.iter().any(|x| x.at_border));
+        return Err(if any_border {
+            cut_or_open(&ends, frame)
+        } else {
+            Reject::RectangleOpen { sides_found: found as u8 }
+        });
+    }
+    let rough = choose(frame, calibration, &raster, &sides, mm_per_px);
+    match rough {
+        Some(rough) => Ok(rough),
+        None => Err(cut_or_open(&ends, frame)),
+    }
+}
+
+struct Scale {
+    mm_per_px: f64,
+    half_width_mm: f64,
+}
+
+fn component(across: Across, at: OnPlane) -> f64 {
+    match across {
+        Across::A => at.x,
+        Across::B => at.y,
+    }
+}
+
+fn other_component(across: Across, at: OnPlane) -> f64 {
+    match across {
+        Across::A => at.y,
+        Across::B => at.x,
+    }
+}
+
+/// The two stripe ends of each side.
+fn ends_by_side(calibration: &Calibration, face: &FaceStripes, raster: &PlaneRaster) -> Option<[[End; 2]; 4]> {
+    let mut result = Vec::with_capacity(4);
+    for (across, high) in SIDES {
+        let mut pair = Vec::with_capacity(2);
+        for id in stripes_across(across) {
+            let mut ends = Vec::with_capacity(2);
+            for end in &face.stripes[id.index()].ends {
+                ends.push(End {
+                    at: raster.from_px(calibration, end.at)?,
+                    px: end.at,
+                    at_border: end.at_border,
+                    uncertainty_px: end.uncertainty_px,
+                });
+            }
+            ends.sort_by(|x, y| component(across, x.at).total_cmp(&component(across, y.at)));
+            pair.push(ends[usize::from(high)]);
+        }
+        result.push([pair[0], pair[1]]);
+    }
+    result.try_into().ok()
+}
+
+/// How far the two ends of a side are from one offset, in units of what is allowed.
+fn mismatch(across: Across, pair: &[End; 2], angle: f64, mm_per_px: f64) -> f64 {
+    let (s, c) = angle.sin_cos();
+    let offset = |e: &End| match across {
+        Across::A => e.at.x * c + e.at.y * s,
+        Across::B => e.at.y * c - e.at.x * s,
+    };
+    let tolerance = (END_TOLERANCE_PX + pair[0].uncertainty_px + pair[1].uncertainty_px) * mm_per_px;
+    (offset(&pair[0]) - offset(&pair[1])).abs() / tolerance
+}
+
+/// The angle by which the raster must be turned so that most sides are parallel to an axis.
+fn direction(ends: &[[End; 2]; 4], mm_per_px: f64) -> Option<f64> {
+    let angle_of = |across: Across, pair: &[End; 2]| {
+        let d = pair[1].at - pair[0].at;
+        let (along, off) = (other_component(across, d), component(across, d));
+        let angle = match across {
+            Across::A => -(off / along).atan(),
+            Across::B => (off / along).atan(),
+        };
+        (angle.is_finite() && angle.abs() < MAX_ANGLE_RAD).then_some((angle, along * along))
+    };
+    let seen: Vec<_> = SIDES
+        .iter()
+        .zip(ends)
+        .filter(|(_, pair)| pair.iter().all(|e| !e.at_border))
+        .filter_map(|((across, _), pair)| Some((*across, pair, angle_of(*across, pair)?)))
+        .collect();
+    let score = |angle: f64| -> f64 {
+        seen.iter().map(|(across, pair, _)| (1.0 - mismatch(*across, pair, angle, mm_per_px).powi(2)).max(0.0)).sum()
+    };
+    let (best, _, _) = seen.iter().map(|(_, _, (angle, _))| (*angle, score(*angle), ())).max_by(|x, y| x.1.total_cmp(&y.1))?;
+    // The mean over the sides that agree, the longer lever counting more.
+    let (mut sum, mut weights) = (0.0, 0.0);
+    for (across, pair, (angle, weight)) in &seen {
+        if mismatch(*across, pair, best, mm_per_px) < 1.0 {
+            sum += angle * weight;
+            weights += weight;
+        }
+    }
+    (weights > 0.0).then_some(sum / weights)
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Side {
+    offset_mm: f64,
+    at_end: bool,
+}
+
+/// Offsets at which a side may lie; the one at the stripes' ends first.
+fn side_candidates(
+    frame: &Frame,
+    calibration: &Calibration,
+    face: &FaceStripes,
+    raster: &PlaneRaster,
+    (across, high): (Across, bool),
+    pair: &[End; 2],
+    scale: &Scale,
+) -> Option<Vec<Side>> {
+    let sign = if high { 1.0 } else { -1.0 };
+    let px = scale.mm_per_px;
+    // Outside the outermost crossing, clear of the stripe that runs parallel to the side.
+    let mut inner = f64::NEG_INFINITY;
+    for id in stripes_across(across) {
+        for other in crossing_lasers(id) {
+            let at = raster.from_px(calibration, crossing_px(calibration, &face.fit.plane, id, other)?)?;
+            inner = inner.max(sign * component(across, at));
+        }
+    }
+    let inner = inner + scale.half_width_mm + 6.0 * px;
+    let offsets = pair.map(|e| sign * component(across, e.at));
+    let outer = offsets[0].max(offsets[1]) + 25.0 * px;
+    if outer <= inner {
+        return Some(Vec::new());
+    }
+    let along = pair.map(|e| other_component(across, e.at));
+    let span = (along[0].min(along[1]), along[0].max(along[1]));
+    let (from, to) = if high { (inner, outer) } else { (-outer, -inner) };
+    let step = 0.8 * px;
+    let scan = SideScan::new(frame, calibration, raster, across, from, to, span, step);
+    let edges = scan.candidates(DRIFT_PX * px, APART_PX * px, 0.3, 24);
+    let tolerance = (END_TOLERANCE_PX + pair[0].uncertainty_px + pair[1].uncertainty_px) * px;
+    let consistent = pair.iter().all(|e| !e.at_border) && (offsets[0] - offsets[1]).abs() <= tolerance;
+    let mut sides = Vec::new();
+    if consistent {
+        let middle = 0.5 * sign * (offsets[0] + offsets[1]);
+        // Near the ends the strongest edge, a little less the farther it is from them.
+        let near = |e: &&EdgeCandidate| {
+            let t = (e.offset_mm - middle) / (0.5 * tolerance);
+            e.strength / (1.0 + (t * t) as f32)
+        };
+        let snapped = edges
+            .iter()
+            .filter(|e| (e.offset_mm - middle).abs() <= tolerance && e.strength >= SUPPORT_AT_ENDS)
+            .max_by(|x, y| near(x).total_cmp(&near(y)));
+        sides.push(Side { offset_mm: snapped.map_or(middle, |e| e.offset_mm), at_end: true });
+    }
+    let end_offset = sides.first().map(|s| s.offset_mm);
+    for e in edges.iter().filter(|e| e.strength >= SUPPORT_ALONE) {
+        if sides.len() < KEEP && end_offset.is_none_or(|o| (e.offset_mm - o).abs() > tolerance) {
+            sides.push(Side { offset_mm: e.offset_mm, at_end: false });
+        }
+    }
+    Some(sides)
+}
+
+/// The best combination of sides by the image edges along their whole length.
+fn choose(
+    frame: &Frame,
+    calibration: &Calibration,
+    raster: &PlaneRaster,
+    sides: &[Vec<Side>],
+    mm_per_px: f64,
+) -> Option<RoughRectangle> {
+    let right = frame.width_px() as f64 - 0.5;
+    let bottom = frame.height_px() as f64 - 0.5;
+    let inside = |p: Px| p.u > -0.5 && p.v > -0.5 && p.u < right && p.v < bottom;
+    let mut best: Option<(f64, RoughRectangle)> = None;
+    let mut combinations: Vec<[usize; 4]> = Vec::new();
+    for i in 0..sides[0].len() {
+        for j in 0..sides[1].len() {
+            for k in 0..sides[2].len() {
+                for l in 0..sides[3].len() {
+                    combinations.push([i, j, k, l]);
+                }
+            }
+        }
+    }
+    // The rectangle of the stripes' ends first; others only if the image contradicts it.
+    combinations.sort_by_key(|c| c.iter().sum::<usize>());
+    for combination in combinations {
+        let chosen = [0, 1, 2, 3].map(|s| sides[s][combination[s]]);
+        let offsets_mm = chosen.map(|s| s.offset_mm);
+        let corners = [(0, 2), (1, 2), (1, 3), (0, 3)]
+            .map(|(a, b)| raster.to_px(calibration, OnPlane::new(offsets_mm[a], offsets_mm[b])));
+        if !corners.iter().all(|c| c.is_some_and(inside)) {
+            continue;
+        }
+        let mut support = [0f32; 4];
+        for (s, (across, _)) in SIDES.iter().enumerate() {
+            let span = match across {
+                Across::A => (offsets_mm[2], offsets_mm[3]),
+                Across::B => (offsets_mm[0], offsets_mm[1]),
+            };
+            let margin = 0.03 * (span.1 - span.0);
+            let window = 40.0 * mm_per_px;
+            let scan = SideScan::new(
+                frame,
+                calibration,
+                raster,
+                *across,
+                offsets_mm[s] - window,
+                offsets_mm[s] + window,
+                (span.0 + margin, span.1 - margin),
+                0.8 * mm_per_px,
+            );
+            support[s] = scan
+                .candidates(DRIFT_PX * mm_per_px, APART_PX * mm_per_px, 0.1, 8)
+                .iter()
+                .filter(|e| (e.offset_mm - offsets_mm[s]).abs() <= 8.0 * mm_per_px)
+                .map(|e| e.strength)
+                .fold(0.0, f32::max);
+        }
+        let needed = chosen.map(|s| if s.at_end { SUPPORT_AT_ENDS } else { SUPPORT_ALONE });
+        let enough = support.iter().zip(needed).all(|(s, n)| *s >= n);
+        let score: f64 = support.iter().zip(&chosen).map(|(s, c)| f64::from(*s) + if c.at_end { 0.25 } else { 0.0 }).sum();
+        if enough && best.as_ref().is_none_or(|(b, _)| score > *b) {
+            let rough = RoughRectangle {
+                raster: *raster,
+                offsets_mm,
+                support,
+                at_ends: chosen.map(|s| s.at_end),
+                mm_per_px,
+            };
+            let certain = combination == [0; 4] && rough.at_ends == [true; 4] && support.iter().all(|s| *s > 0.6);
+            best = Some((score, rough));
+            if certain {
+                break;
+            }
+        }
+    }
+    best.map(|(_, rough)| rough)
+}
+
+/// The refusal when sides are missing: cut by the border if a stripe runs out of the image, open otherwise.
+fn cut_or_open(ends: &[[End; 2]; 4], frame: &Frame) -> Reject {
+    let _ = frame;
+    let cut: Vec<&[End; 2]> = ends.iter().filter(|pair| pair.iter().any(|e| e.at_border)).collect();
+    match cut.first().and_then(|pair| pair.iter().find(|e| e.at_border)) {
+        Some(end) => Reject::FaceCutByBorder { sides_cut: cut.len() as u8, at: end.px },
+        None => Reject::RectangleOpen { sides_found: ends.len() as u8 - 1 },
+    }
+}
