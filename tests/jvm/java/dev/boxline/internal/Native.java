@@ -1,0 +1,21 @@
+package dev.boxline.internal;
+
+import java.nio.ByteBuffer;
+
+/** The functions of {@code libboxline_jni}; rust/jni/src/natives.rs says what they do and throw. Any thread may call them. */
+public final class Native {
+    private Native() {}
+
+    /** Reads a calibration.json. The handle is never 0 and must be closed. */
+    public static native long openCalibration(byte[] json);
+
+    /** Lets go of a calibration. Closing twice does nothing; calls that are running finish. */
+    public static native void closeCalibration(long handle);
+
+    /**
+     * Measures a box from two frames. Each buffer is direct and holds one JPEG from position to limit.
+     *
+     * @return the bytes of a boxline.v1.BoxReport
+     */
+    public static native byte[] measureBox(long handle, ByteBuffer frameA, ByteBuffer frameB);
+}
