@@ -91,6 +91,20 @@ impl Calibration {
         &self.camera
     }
 
+    /// The same head with one laser turned by `angle_rad` about its exit (where its plane meets the camera's x axis), the
+    /// way a laser module drifts with temperature.
+    pub(crate) fn with_turned_laser(&self, id: LaserId, angle_rad: f64) -> Self {
+        let mut turned = self.clone();
+        let p = self.laser(id).per_mm;
+        let normal = p.normalize();
+        let exit = Vector3::new(if p.x.abs() > 1e-9 { 1.0 / p.x } else { 0.0 }, 0.0, 0.0);
+        // The middle of the fan: forward, within the plane.
+        let forward = (Vector3::z() - normal * normal.z).normalize();
+        let moved = (normal + forward * angle_rad.tan()).normalize();
+        turned.lasers[id.index()] = Plane::new(moved / moved.dot(&exit));
+        turned
+    }
+
     /// The plane of one laser in `Cam`.
     #[must_use]
     pub const fn laser(&self, id: LaserId) -> &Plane<Cam> {

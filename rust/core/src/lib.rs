@@ -7,16 +7,17 @@
 
 pub mod calibration;
 pub mod camera;
-pub mod edges;
+mod cuboid;
+mod edges;
 pub mod error;
-pub mod face;
+mod face;
 pub mod frames;
 pub mod image;
 pub mod measurement;
 pub mod pipeline;
-pub mod rectangle;
+mod rectangle;
 pub mod reject;
-pub mod stripe;
+mod stripe;
 pub mod units;
 
 pub use calibration::Calibration;

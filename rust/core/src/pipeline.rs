@@ -1,12 +1,45 @@
 //! The one place that knows all stages and runs them in order.
 
 use crate::calibration::Calibration;
+use crate::cuboid;
+use crate::edges::{EdgeDetector, subpixel::GradientDetector};
 use crate::error::{Error, ErrorKind};
+use crate::face::extent::{FaceStripes, follow_stripes};
 use crate::image::Frame;
-use crate::measurement::{BoxReport, FaceOutcome, Settings, StageTimes};
+use crate::image::redness::{Diagonal, half_redness, ridge_map};
+use crate::measurement::{BoxReport, EdgeMethod, FaceMeasurement, FaceOutcome, Outcome, Settings, StageTimes};
+use crate::rectangle;
+use crate::rectangle::hypothesize::hypothesize;
 use crate::reject::Reject;
+use crate::stripe::grid_search::{self, GridHypothesis};
+use std::time::Instant;
 
-/// Measures one face. `times` gets the nanoseconds of each stage appended.
+/// Planes that are tried, strongest first.
+const PLANES: usize = 4;
+/// Share of the inner segment of each stripe that must be seen on the face's plane: half of it may be dark print.
+const MIN_INNER_SHARE: f64 = 0.4;
+/// Robust scatter of the stripe centres in units of their own sigmas: more is no plane.
+const MAX_SCALE: f64 = 3.5;
+
+/// Adds the time since the last call to the list.
+struct Clock<'a> {
+    since: Instant,
+    times: &'a mut StageTimes,
+}
+
+impl Clock<'_> {
+    fn lap(&mut self, stage: &'static str) {
+        let now = Instant::now();
+        let nanos = u64::try_from((now - self.since).as_nanos()).unwrap_or(u64::MAX);
+        self.since = now;
+        match self.times.iter_mut().find(|(name, _)| *name == stage) {
+            Some((_, sum)) => *sum += nanos,
+            None => self.times.push((stage, nanos)),
+        }
+    }
+}
+
+/// Measures one face. The nanoseconds of each stage are added to `times`.
 ///
 /// # Errors
 /// [`ErrorKind::CalibrationMismatch`] if the frame's size is not the calibration's.
@@ -16,7 +49,6 @@ pub fn measure_face(
     settings: &Settings,
     times: &mut StageTimes,
 ) -> Result<FaceOutcome, Error> {
-    let _ = (settings, times);
     if frame.width_px() != calibration.width_px() as usize || frame.height_px() != calibration.height_px() as usize {
         return Err(Error::new(
             ErrorKind::CalibrationMismatch,
@@ -29,7 +61,82 @@ pub fn measure_face(
             ),
         ));
     }
-    Ok(FaceOutcome::Rejected(Reject::NoBox { best_share: 0.0, needed_share: 0.0 }))
+    let mut clock = Clock { since: Instant::now(), times };
+    Ok(match face_stages(frame, calibration, settings, &mut clock) {
+        Ok(face) => FaceOutcome::Measured(Box::new(face)),
+        Err(reject) => FaceOutcome::Rejected(reject),
+    })
+}
+
+fn face_stages(
+    frame: &Frame,
+    calibration: &Calibration,
+    settings: &Settings,
+    clock: &mut Clock<'_>,
+) -> Result<FaceMeasurement, Reject> {
+    let (width, height, redness) = half_redness(frame);
+    let diagonals = grid_search::diagonals(calibration);
+    let maps = diagonals.map(|d: Diagonal| ridge_map(width, height, &redness, d));
+    clock.lap("ridge");
+    let planes = grid_search::find_planes(calibration, &maps[0], &maps[1], PLANES);
+    clock.lap("grid");
+    let mut refusal: Option<(f32, Reject)> = None;
+    for hypothesis in &planes {
+        let result = measure_on_plane(frame, calibration, settings, hypothesis, clock);
+        match result {
+            Ok(face) => return Ok(face),
+            Err(reject) => {
+                if refusal.as_ref().is_none_or(|(total, _)| hypothesis.total() > *total) {
+                    refusal = Some((hypothesis.total(), reject));
+                }
+            }
+        }
+    }
+    match refusal {
+        Some((_, reject)) if !matches!(reject, Reject::NoBox { .. }) => Err(reject),
+        other => {
+            let missing = grid_search::three_stripes(calibration, &maps[0], &maps[1]);
+            clock.lap("grid");
+            Err(match (missing, other) {
+                (Some(laser), _) => Reject::StripeMissing { laser, stripes_on_face: 3 },
+                (None, Some((_, reject))) => reject,
+                (None, None) => Reject::NoBox { best_share: 0.0, needed_share: MIN_INNER_SHARE },
+            })
+        }
+    }
+}
+
+fn measure_on_plane(
+    frame: &Frame,
+    calibration: &Calibration,
+    settings: &Settings,
+    hypothesis: &GridHypothesis,
+    clock: &mut Clock<'_>,
+) -> Result<FaceMeasurement, Reject> {
+    let no_box = |best_share: f64| Reject::NoBox { best_share, needed_share: MIN_INNER_SHARE };
+    let face = follow_stripes(frame, calibration, &hypothesis.plane);
+    clock.lap("stripes");
+    let face = face.ok_or_else(|| no_box(0.0))?;
+    check_stripes(&face).map_err(|share| no_box(share))?;
+    let rough = hypothesize(frame, calibration, &face);
+    clock.lap("sides");
+    let rough = rough?;
+    let keep_out = rectangle::keep_out(calibration, &face, &rough);
+    let detector: &dyn EdgeDetector = match settings.edges {
+        EdgeMethod::Gradient => &GradientDetector,
+        EdgeMethod::Hough => &GradientDetector,
+    };
+    let edges = detector.edge_points(frame, calibration, &rough, &keep_out);
+    clock.lap("edges");
+    let result = rectangle::measure(frame, calibration, &face, &rough, &edges, settings.method);
+    clock.lap("fit");
+    result
+}
+
+/// Every stripe must be seen on the plane, and the centres must scatter as they should; else the share that was seen.
+fn check_stripes(face: &FaceStripes) -> Result<(), f64> {
+    let least = face.stripes.iter().map(|s| s.inner_share).fold(f64::INFINITY, f64::min);
+    if least < MIN_INNER_SHARE || face.fit.scale > MAX_SCALE { Err(least) } else { Ok(()) }
 }
 
 /// Measures a box from two frames of adjacent faces.
@@ -43,11 +150,12 @@ pub fn measure_box(
     settings: &Settings,
     times: &mut StageTimes,
 ) -> Result<BoxReport, Error> {
-    let a = measure_face(first, calibration, settings, times)?;
-    let b = measure_face(second, calibration, settings, times)?;
+    let a = measure_face(first, calibration, settings, times).map_err(|e| e.in_context("first frame"))?;
+    let b = measure_face(second, calibration, settings, times).map_err(|e| e.in_context("second frame"))?;
     let outcome = match (&a, &b) {
-        (FaceOutcome::Rejected(r), _) | (_, FaceOutcome::Rejected(r)) => crate::Outcome::Rejected(r.clone()),
-        _ => crate::Outcome::Rejected(Reject::RectangleOpen { sides_found: 0 }),
+        (FaceOutcome::Measured(a), FaceOutcome::Measured(b)) => cuboid::assemble(a, b, settings.choose),
+        (FaceOutcome::Rejected(r), _) | (_, FaceOutcome::Rejected(r)) => Outcome::Rejected(r.clone()),
     };
     Ok(BoxReport { outcome, faces: [a, b] })
 }
+

@@ -4,7 +4,33 @@
 pub(crate) mod side_scan;
 pub(crate) mod subpixel;
 
+use crate::calibration::Calibration;
 use crate::image::Frame;
+use crate::rectangle::hypothesize::RoughRectangle;
+use crate::units::Px;
+
+/// A point on a side of the face.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct EdgePoint {
+    pub at: Px,
+    /// Position along the side, 0 to 1.
+    pub along: f64,
+    /// Standard deviation across the side, px.
+    pub sigma_px: f64,
+}
+
+/// Finds the points of the four sides near a rough rectangle. `keep_out` are places with a radius (px) where laser light
+/// disturbs.
+pub(crate) trait EdgeDetector {
+    /// Edge points per side, in the order of [`crate::rectangle::hypothesize::SIDES`].
+    fn edge_points(
+        &self,
+        frame: &Frame,
+        calibration: &Calibration,
+        rough: &RoughRectangle,
+        keep_out: &[(Px, f64)],
+    ) -> [Vec<EdgePoint>; 4];
+}
 
 /// Brightness for edges, grey levels: green and blue, where the red laser hardly shows.
 #[inline]

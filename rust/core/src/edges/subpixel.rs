@@ -1,1 +1,227 @@
-//! Sub-pixel edge points.
+//! The sub-pixel course of each side: gradient extremes along the normals of the predicted side (the default detector).
+
+use super::{EdgeDetector, EdgePoint, brightness};
+use crate::calibration::Calibration;
+use crate::image::Frame;
+use crate::rectangle::hypothesize::{RoughRectangle, SIDES};
+use crate::units::Px;
+
+/// Gradient search along the normals of the predicted sides.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct GradientDetector;
+
+/// Reach of a profile to both sides of the prediction, px.
+const REACH_PX: usize = 10;
+/// Samples per px in a profile.
+const PER_PX: usize = 2;
+const N: usize = 2 * REACH_PX * PER_PX + 1;
+/// Distance of neighbouring profiles along the side, px, and how many make one edge point: noise falls, corners stay out.
+const SPACING_PX: f64 = 2.0;
+const GROUP: usize = 4;
+/// Part of the side at each corner where the other side's blur and rounding disturb.
+const CORNER_SHARE: f64 = 0.025;
+/// An edge point lies within this distance of the straight line that most points share, px.
+const NEAR_LINE_PX: f64 = 2.0;
+/// The line may differ from the prediction by this much at either end, px.
+const LINE_SEARCH_PX: f64 = 8.0;
+/// Smallest step of brightness of an edge point, grey levels, and in units of the profile's noise.
+const MIN_STEP: f32 = 1.5;
+const MIN_STEP_SIGMAS: f32 = 3.0;
+
+/// One averaged profile across a side.
+struct Profile {
+    middle: Px,
+    normal: (f64, f64),
+    /// Position along the side, 0 to 1.
+    along: f64,
+    brightness: [f32; N],
+}
+
+impl Profile {
+    fn gradient(&self) -> [f32; N] {
+        let mut g = [0f32; N];
+        for i in PER_PX..N - PER_PX {
+            g[i] = self.brightness[i + PER_PX] - self.brightness[i - PER_PX];
+        }
+        g
+    }
+
+    fn at(&self, index: f64) -> Px {
+        let t = index / PER_PX as f64 - REACH_PX as f64;
+        Px::new(self.middle.u + self.normal.0 * t, self.middle.v + self.normal.1 * t)
+    }
+}
+
+impl EdgeDetector for GradientDetector {
+    fn edge_points(
+        &self,
+        frame: &Frame,
+        calibration: &Calibration,
+        rough: &RoughRectangle,
+        keep_out: &[(Px, f64)],
+    ) -> [Vec<EdgePoint>; 4] {
+        [0, 1, 2, 3].map(|side| {
+            let profiles = profiles(frame, calibration, rough, side, keep_out);
+            points_on_line(&profiles)
+        })
+    }
+}
+
+fn profiles(
+    frame: &Frame,
+    calibration: &Calibration,
+    rough: &RoughRectangle,
+    side: usize,
+    keep_out: &[(Px, f64)],
+) -> Vec<Profile> {
+    let (across, _) = SIDES[side];
+    let (from, to) = rough.span_mm(side);
+    let offset = rough.offsets_mm[side];
+    let margin = CORNER_SHARE * (to - from);
+    let pixel = |along: f64| rough.raster.to_px(calibration, across.at(offset, along));
+    let (Some(first), Some(last)) = (pixel(from + margin), pixel(to - margin)) else { return Vec::new() };
+    let groups = (first.distance_px(last) / (SPACING_PX * GROUP as f64)).floor() as usize;
+    let mut result = Vec::with_capacity(groups);
+    for group in 0..groups {
+        let mut sum = [0f32; N];
+        let mut middle = Px::new(0.0, 0.0);
+        let mut normal = (0.0, 0.0);
+        let mut good = true;
+        for k in 0..GROUP {
+            let t = (group as f64 + (k as f64 + 0.5) / GROUP as f64) / groups as f64;
+            let along = from + margin + (to - from - 2.0 * margin) * t;
+            let step = 2.0 * rough.mm_per_px;
+            let (Some(p), Some(q)) = (pixel(along), pixel(along + step)) else {
+                good = false;
+                break;
+            };
+            if keep_out.iter().any(|(c, r)| c.distance_px(p) < *r) {
+                good = false;
+                break;
+            }
+            let length = p.distance_px(q).max(1e-9);
+            let n = (-(q.v - p.v) / length, (q.u - p.u) / length);
+            for (i, s) in sum.iter_mut().enumerate() {
+                let t = i as f64 / PER_PX as f64 - REACH_PX as f64;
+                match brightness(frame, p.u + n.0 * t, p.v + n.1 * t) {
+                    Some(y) => *s += y / GROUP as f32,
+                    None => good = false,
+                }
+            }
+            middle = Px::new(middle.u + p.u / GROUP as f64, middle.v + p.v / GROUP as f64);
+            normal = n;
+        }
+        if good {
+            let along = (group as f64 + 0.5) / groups as f64;
+            result.push(Profile { middle, normal, along, brightness: sum });
+        }
+    }
+    result
+}
+
+/// What the edge is: a step of brightness, or the thin dark line between two flush boxes.
+#[derive(Clone, Copy, PartialEq)]
+enum Kind {
+    Step,
+    DarkLine,
+}
+
+fn points_on_line(profiles: &[Profile]) -> Vec<EdgePoint> {
+    if profiles.len() < 6 {
+        return Vec::new();
+    }
+    let gradients: Vec<[f32; N]> = profiles.iter().map(Profile::gradient).collect();
+    // Noise of a gradient sample: the median over all profiles; edges are few.
+    let mut all: Vec<f32> = gradients.iter().flat_map(|g| g[PER_PX..N - PER_PX].iter().map(|x| x.abs())).collect();
+    let middle = all.len() / 2;
+    let noise = (*all.select_nth_unstable_by(middle, f32::total_cmp).1 / 0.6745).max(0.3);
+    let strength = |g: f32| ((g.abs() / noise - 1.0) / 5.0).clamp(0.0, 1.0);
+    // The straight line with the most support: offsets at both ends, half-pixel steps.
+    let reach = (LINE_SEARCH_PX * PER_PX as f64) as i32;
+    let centre = (REACH_PX * PER_PX) as i32;
+    let mut best = (f32::NEG_INFINITY, 0, 0);
+    for first in -reach..=reach {
+        for last in (first - 10).max(-reach)..=(first + 10).min(reach) {
+            let mut sum = 0.0;
+            for (p, g) in profiles.iter().zip(&gradients) {
+                let i = centre + (f64::from(first) + f64::from(last - first) * p.along).round() as i32;
+                sum += strength(g[i as usize]);
+            }
+            // Among equals the one nearest the prediction.
+            let score = sum - 0.002 * profiles.len() as f32 * (first.abs() + last.abs()) as f32 / 2.0;
+            if score > best.0 {
+                best = (score, first, last);
+            }
+        }
+    }
+    let (_, first, last) = best;
+    let line = |p: &Profile| f64::from(centre) + f64::from(first) + f64::from(last - first) * p.along;
+    let (kind, shift) = edge_kind(profiles, &line);
+    let mut points = Vec::with_capacity(profiles.len());
+    let near = NEAR_LINE_PX * PER_PX as f64;
+    for (p, g) in profiles.iter().zip(&gradients) {
+        let expected = line(p) + shift;
+        let lo = ((expected - near).ceil().max(PER_PX as f64 + 1.0)) as usize;
+        let hi = ((expected + near).floor() as usize).min(N - PER_PX - 2);
+        if lo >= hi {
+            continue;
+        }
+        let signal = |i: usize| match kind {
+            Kind::Step => g[i].abs(),
+            Kind::DarkLine => -p.brightness[i],
+        };
+        let Some(top) = (lo..=hi).max_by(|a, b| signal(*a).total_cmp(&signal(*b))) else { continue };
+        let (l, c, r) = (signal(top - 1), signal(top), signal(top + 1));
+        let curvature = l + r - 2.0 * c;
+        if curvature >= 0.0 {
+            continue;
+        }
+        let height = match kind {
+            Kind::Step => c,
+            Kind::DarkLine => {
+                0.5 * (p.brightness[top.saturating_sub(6)] + p.brightness[(top + 6).min(N - 1)]) - p.brightness[top]
+            }
+        };
+        if height < MIN_STEP.max(MIN_STEP_SIGMAS * noise) {
+            continue;
+        }
+        let index = top as f64 + f64::from(0.5 * (l - r) / curvature);
+        points.push(EdgePoint { at: p.at(index), along: p.along, sigma_px: 0.5 * f64::from(noise / height).max(0.2) });
+    }
+    points
+}
+
+/// Whether the mean profile along the line shows a step or a dark line, and how far from the line that lies (samples).
+fn edge_kind(profiles: &[Profile], line: &impl Fn(&Profile) -> f64) -> (Kind, f64) {
+    const SPAN: i32 = 4 * PER_PX as i32;
+    let mut mean = [0f32; 2 * SPAN as usize + 1];
+    let mut count = 0.0;
+    for p in profiles {
+        let middle = line(p).round() as i32;
+        if middle < SPAN || middle + SPAN >= N as i32 {
+            continue;
+        }
+        for (k, m) in mean.iter_mut().enumerate() {
+            *m += p.brightness[(middle - SPAN) as usize + k];
+        }
+        count += 1.0;
+    }
+    if count < 1.0 {
+        return (Kind::Step, 0.0);
+    }
+    mean.iter_mut().for_each(|m| *m /= count);
+    let (left, right) = (mean[0].min(mean[1]), mean[mean.len() - 1].min(mean[mean.len() - 2]));
+    let (lowest, value) = mean
+        .iter()
+        .enumerate()
+        .skip(2)
+        .take(mean.len() - 4)
+        .fold((0, f32::INFINITY), |best, (i, m)| if *m < best.1 { (i, *m) } else { best });
+    let depth = left.min(right) - value;
+    let step = (mean[mean.len() - 1] - mean[0]).abs();
+    if depth > 1.0 && depth > 0.7 * step {
+        (Kind::DarkLine, lowest as f64 - f64::from(SPAN))
+    } else {
+        (Kind::Step, 0.0)
+    }
+}

@@ -53,16 +53,16 @@ const ROWS: std::ops::RangeInclusive<usize> = 4..=64;
 const FIRST_HALF_WIDTH_PX: f64 = 10.0;
 /// Peak over noise that one profile should reach: at 6 the centre scatters by about a pixel.
 const WANTED_SNR: f64 = 6.0;
-/// A peak farther than this from the prediction is not on the plane, px; 1 px is 4 mm of depth at 1 m.
-const ON_PLANE_PX: f64 = 1.0;
-/// ... or farther than this many of its sigmas.
-const ON_PLANE_SIGMAS: f64 = 4.0;
+/// A peak this many sigmas from the prediction counts neither for nor against the plane; farther away it counts against.
+const ON_PLANE_SIGMAS: f64 = 2.5;
+/// Texture and print move single centres by about this much, px, beyond noise and speckle.
+const TEXTURE_PX: f64 = 0.2;
+/// A peak lower than this share of the stripe's usual height is another surface (the floor behind the box): black print
+/// reflects at least 4 % where cardboard reflects 30 %.
+const LEAST_SHARE: f64 = 0.13;
 /// What a place without a peak counts against the stripe, a place with a peak on the plane counting 1: dark print and
 /// black tape swallow a stripe for a while; it must come back for as many places as half the gap.
 const ABSENT: f64 = -0.5;
-/// What a peak off the plane counts.
-const OFF_PLANE: f64 = -1.0;
-
 /// The crossing of lasers `i` and `j` on a plane.
 pub(crate) fn crossing_px(calibration: &Calibration, plane: &Plane<Cam>, i: LaserId, j: LaserId) -> Option<Px> {
     let x = (plane.per_mm - calibration.laser(i).per_mm).cross(&(plane.per_mm - calibration.laser(j).per_mm));
@@ -188,9 +188,20 @@ fn follow(
     if points.is_empty() {
         return None;
     }
+    let mut heights: Vec<f64> = points
+        .iter()
+        .filter(|p| inner.contains(&p.along_px))
+        .map(|p| p.found.map_or(0.0, |f| f.amplitude))
+        .collect();
+    if heights.is_empty() {
+        return None;
+    }
+    let middle = heights.len() / 2;
+    let usual = *heights.select_nth_unstable_by(middle, f64::total_cmp).1;
+    // The log-likelihood of "on the plane" against "anywhere", scaled to +-1.
     let score = |p: &StripePoint| match p.found {
-        Some(f) if f.residual_px.abs() <= ON_PLANE_PX.max(ON_PLANE_SIGMAS * f.sigma_px) => 1.0,
-        Some(_) => OFF_PLANE,
+        Some(f) if f.amplitude < LEAST_SHARE * usual => ABSENT,
+        Some(f) => (1.0 - (f.residual_px / (ON_PLANE_SIGMAS * f.sigma_px.hypot(TEXTURE_PX))).powi(2)).max(-1.0),
         None => ABSENT,
     };
     let lo = points.partition_point(|p| p.along_px < inner.start);

@@ -39,8 +39,13 @@ impl PlaneRaster {
 
     /// Where a pixel sees the plane.
     pub fn from_px(&self, calibration: &Calibration, px: Px) -> Option<OnPlane> {
-        let p = self.plane.intersect(&calibration.camera().ray_from_px(px))?.mm - self.origin;
-        Some(OnPlane::new(p.dot(&self.axis_a), p.dot(&self.axis_b)))
+        Some(self.of_cam(&self.plane.intersect(&calibration.camera().ray_from_px(px))?))
+    }
+
+    /// Coordinates of a point of the plane.
+    pub fn of_cam(&self, point: &Point<Cam>) -> OnPlane {
+        let p = point.mm - self.origin;
+        OnPlane::new(p.dot(&self.axis_a), p.dot(&self.axis_b))
     }
 
     /// The point in the camera frame.

@@ -23,6 +23,16 @@ pub(crate) struct RoughRectangle {
     pub mm_per_px: f64,
 }
 
+impl RoughRectangle {
+    /// Where a side begins and ends along its direction, mm.
+    pub fn span_mm(&self, side: usize) -> (f64, f64) {
+        match SIDES[side].0 {
+            Across::A => (self.offsets_mm[2], self.offsets_mm[3]),
+            Across::B => (self.offsets_mm[0], self.offsets_mm[1]),
+        }
+    }
+}
+
 /// The four sides: low and high a, low and high b.
 pub(crate) const SIDES: [(Across, bool); 4] =
     [(Across::A, false), (Across::A, true), (Across::B, false), (Across::B, true)];

@@ -1,20 +1,220 @@
-//! The rectangle of a face on its plane.
+//! The rectangle of a face on its plane: which one ([`hypothesize`]), its joint fit ([`refine`]), the paper's eight key
+//! points ([`key_points`]), and the result with its uncertainty (this file).
 
 pub(crate) mod hypothesize;
+pub(crate) mod key_points;
+pub(crate) mod refine;
 
-use crate::{Calibration, Frame};
-/// debug
-pub fn debug_rect(frame: &Frame, calibration: &Calibration) -> Result<([[f64;2];4],[f32;4],[bool;4]),String> {
-    use crate::image::redness::*;
-    let (w,h,r)=half_redness(frame);
-    let a=ridge_map(w,h,&r,Diagonal::Down); let b=ridge_map(w,h,&r,Diagonal::Up);
-    let v=crate::stripe::grid_search::find_planes(calibration,&a,&b,5);
-    let f=crate::face::extent::follow_stripes(frame,calibration,&v.first().ok_or("no plane")?.plane).ok_or("no stripes")?;
-    let t=std::time::Instant::now();
-    let r=hypothesize::hypothesize(frame,calibration,&f).map_err(|e|format!("{e:?}"));
-    eprintln!("hyp {:?}",t.elapsed());
-    let r=r?;
-    let o=r.offsets_mm;
-    let c=[(0,2),(1,2),(1,3),(0,3)].map(|(a,b)|{let p=r.raster.to_px(calibration,crate::face::raster::OnPlane::new(o[a],o[b])).unwrap();[p.u,p.v]});
-    Ok((c,r.support,r.at_ends))
+use crate::calibration::Calibration;
+use crate::edges::EdgePoint;
+use crate::edges::side_scan::Across;
+use crate::face::extent::{FaceStripes, crossing_px};
+use crate::face::plane_fit::StripeObservation;
+use crate::face::raster::{OnPlane, PlaneRaster};
+use crate::frames::Point;
+use crate::image::Frame;
+use crate::measurement::{FaceMeasurement, Method};
+use crate::reject::Reject;
+use crate::units::{Estimate, LaserId, Px};
+use hypothesize::{RoughRectangle, SIDES, stripes_across};
+use nalgebra::SVector;
+use refine::{Anchor, FittedRectangle, ITERATIONS, refine, start_from};
+
+/// Pointing drift of a laser module between calibrations, rad, 1 sigma: half of the 0.1 mrad of physics.md, since the
+/// four sit on one carrier and part of the drift is common.
+const LASER_DRIFT_RAD: f64 = 0.05e-3;
+/// How far the visible edge lies from the sharp box's, mm, 1 sigma: cardboard edges have radii of 0.5 to 4 mm and a
+/// gradient sits 0 (silhouette) to 0.3 radii (crease) inside.
+const ROUNDING_MM: f64 = 0.35;
+/// ... and px: blur and demosaicing move edges of unequal brightness.
+const EDGE_SYSTEMATIC_PX: f64 = 0.2;
+/// Fewest edge points on a side.
+const MIN_EDGE_POINTS: usize = 8;
+/// Residuals above these are not noise: stripes scatter by 0.2 to 0.5 px, edges by 0.3 to 1 px.
+const MAX_STRIPE_RMS_PX: f64 = 1.5;
+const MAX_EDGE_RMS_PX: f64 = 1.5;
+
+/// Fits the rectangle of a face and judges it.
+pub(crate) fn measure(
+    frame: &Frame,
+    calibration: &Calibration,
+    face: &FaceStripes,
+    rough: &RoughRectangle,
+    edges: &[Vec<EdgePoint>; 4],
+    method: Method,
+) -> Result<FaceMeasurement, Reject> {
+    let sides_found = edges.iter().filter(|e| e.len() >= MIN_EDGE_POINTS).count() as u8;
+    let open = || Reject::RectangleOpen { sides_found };
+    if sides_found < 4 {
+        return Err(open());
+    }
+    if face.fit.rms_px > MAX_STRIPE_RMS_PX {
+        return Err(Reject::FaceNotPlanar { rms_px: face.fit.rms_px, limit_px: MAX_STRIPE_RMS_PX });
+    }
+    let stripes = face_observations(calibration, face, rough);
+    let [l1, _, l3, l4] = LaserId::ALL;
+    let at = crossing_px(calibration, &face.fit.plane, l1, l3).ok_or_else(open)?;
+    let towards = crossing_px(calibration, &face.fit.plane, l1, l4).ok_or_else(open)?;
+    let anchor = Anchor { at, towards };
+    let start = start_from(calibration, rough, anchor).ok_or_else(open)?;
+    let fit = refine(calibration, &stripes, edges, anchor, &start, ITERATIONS).ok_or_else(open)?;
+    if fit.edge_rms_px > MAX_EDGE_RMS_PX {
+        return Err(Reject::NotARectangle { rms_px: fit.edge_rms_px, limit_px: MAX_EDGE_RMS_PX });
+    }
+    check_crossings(frame, calibration, &fit)?;
+
+    let sides = |offsets: &[f64; 4]| [offsets[1] - offsets[0], offsets[3] - offsets[2]];
+    let mut values = sides(&fit.offsets_mm);
+    let mut variances = [0, 2].map(|low| {
+        let mut pick = SVector::<f64, 8>::zeros();
+        pick[4 + low] = -1.0;
+        pick[5 + low] = 1.0;
+        let edge = ROUNDING_MM.powi(2) + (EDGE_SYSTEMATIC_PX * rough.mm_per_px).powi(2);
+        (pick.transpose() * fit.covariance * pick)[0] + 2.0 * edge
+    });
+    for id in LaserId::ALL {
+        let turned = calibration.with_turned_laser(id, LASER_DRIFT_RAD);
+        if let Some(moved) = refine(&turned, &stripes, edges, anchor, &fit.params, 2) {
+            for ((v, m), f) in variances.iter_mut().zip(sides(&moved.offsets_mm)).zip(values) {
+                *v += (m - f).powi(2);
+            }
+        }
+    }
+    let key_points_px = key_points::on_sides(calibration, &fit).ok_or_else(open)?;
+    if method == Method::Keypoints {
+        let points = key_points::measure(calibration, face, &fit, edges).ok_or_else(open)?;
+        values = points.sides_mm;
+        variances = points.variances_mm2;
+    }
+    Ok(assemble(calibration, &stripes, edges, &fit, values, variances, key_points_px).ok_or_else(open)?)
 }
+
+/// The stripe centres that lie within the rectangle.
+fn face_observations(
+    calibration: &Calibration,
+    face: &FaceStripes,
+    rough: &RoughRectangle,
+) -> Vec<StripeObservation> {
+    let margin = 2.0 * rough.mm_per_px;
+    let [a0, a1, b0, b1] = rough.offsets_mm;
+    let mut result = Vec::new();
+    for stripe in &face.stripes {
+        for found in stripe.points[stripe.on_plane.clone()].iter().filter_map(|p| p.found) {
+            let inside = rough.raster.from_px(calibration, found.at).is_some_and(|p| {
+                p.x > a0 + margin && p.x < a1 - margin && p.y > b0 + margin && p.y < b1 - margin
+            });
+            if inside {
+                result.push(StripeObservation {
+                    laser: stripe.laser,
+                    at: found.at,
+                    sigma_px: found.sigma_px,
+                });
+            }
+        }
+    }
+    result
+}
+
+/// Every stripe must cross its two sides between their corners, and every corner must be in the image.
+fn check_crossings(frame: &Frame, calibration: &Calibration, fit: &FittedRectangle) -> Result<(), Reject> {
+    let corners = corner_points(&fit.offsets_mm).map(|c| fit.raster.to_px(calibration, c));
+    let (right, bottom) = (frame.width_px() as f64 - 0.5, frame.height_px() as f64 - 0.5);
+    let outside = |p: &Option<Px>| p.is_none_or(|p| p.u < -0.5 || p.v < -0.5 || p.u > right || p.v > bottom);
+    if let Some(first) = corners.iter().find(|c| outside(c)) {
+        let sides_cut = corners.iter().filter(|c| outside(c)).count() as u8;
+        return Err(Reject::FaceCutByBorder { sides_cut, at: first.unwrap_or(Px::new(-1.0, -1.0)) });
+    }
+    let mut missed = None;
+    let mut on_face = 4;
+    for id in LaserId::ALL {
+        let crosses = [0, 1].into_iter().all(|end| {
+            let side = if id.number() <= 2 { end } else { 2 + end };
+            key_points::along_side_mm(calibration, fit, id, side).is_some_and(|along| {
+                let (low, high) = match SIDES[side].0 {
+                    Across::A => (fit.offsets_mm[2], fit.offsets_mm[3]),
+                    Across::B => (fit.offsets_mm[0], fit.offsets_mm[1]),
+                };
+                along > low && along < high
+            })
+        });
+        if !crosses {
+            on_face -= 1;
+            missed = missed.or(Some(id));
+        }
+    }
+    match missed {
+        Some(laser) => Err(Reject::StripeMissing { laser, stripes_on_face: on_face }),
+        None => Ok(()),
+    }
+}
+
+/// Corners on the raster, going round from low a, low b along a.
+fn corner_points([a0, a1, b0, b1]: &[f64; 4]) -> [OnPlane; 4] {
+    [OnPlane::new(*a0, *b0), OnPlane::new(*a1, *b0), OnPlane::new(*a1, *b1), OnPlane::new(*a0, *b1)]
+}
+
+fn assemble(
+    calibration: &Calibration,
+    stripes: &[StripeObservation],
+    edges: &[Vec<EdgePoint>; 4],
+    fit: &FittedRectangle,
+    values: [f64; 2],
+    variances: [f64; 2],
+    key_points_px: [[Px; 2]; 4],
+) -> Option<FaceMeasurement> {
+    let estimates = [0, 1].map(|i| Estimate::new(values[i], variances[i].max(0.0).sqrt()));
+    let round = corner_points(&fit.offsets_mm);
+    // Sides going round from corner 0: low b, high a, high b, low a.
+    let mut corners = round;
+    let mut sides = [2, 1, 3, 0];
+    let (mut length, mut width) = (estimates[0], estimates[1]);
+    if length.value_mm < width.value_mm {
+        std::mem::swap(&mut length, &mut width);
+        corners = [round[0], round[3], round[2], round[1]];
+        sides = [0, 3, 1, 2];
+    }
+    let px = |c: OnPlane| fit.raster.to_px(calibration, c);
+    let corners_px = [px(corners[0])?, px(corners[1])?, px(corners[2])?, px(corners[3])?];
+    let used = |side: usize| -> Vec<Px> {
+        edges[side].iter().zip(&fit.edge_inliers[side]).filter(|(_, used)| **used).map(|(e, _)| e.at).collect()
+    };
+    Some(FaceMeasurement {
+        length,
+        width,
+        plane: fit.raster.plane,
+        corners_px,
+        corners: corners.map(|c| fit.raster.to_cam(c)),
+        key_points_px,
+        rms_px: fit.rms_px,
+        stripe_points_px: LaserId::ALL
+            .map(|id| stripes.iter().filter(|s| s.laser == id).map(|s| s.at).collect()),
+        edge_points_px: sides.map(used),
+    })
+}
+
+/// The places on the sides where the stripes cross, with the radius in which their light disturbs edges, px.
+pub(crate) fn keep_out(calibration: &Calibration, face: &FaceStripes, rough: &RoughRectangle) -> Vec<(Px, f64)> {
+    let radius = face.half_width_px + 5.0;
+    let mut places = Vec::with_capacity(8);
+    for (side, (across, _)) in SIDES.iter().enumerate() {
+        for id in stripes_across(*across) {
+            if let Some(at) = key_points::crossing_on(
+                calibration,
+                &rough.raster,
+                *across,
+                rough.offsets_mm[side],
+                id,
+            )
+            .and_then(|along| rough.raster.to_px(calibration, across.at(rough.offsets_mm[side], along)))
+            {
+                places.push((at, radius));
+            }
+        }
+    }
+    places
+}
+
+/// For tests and key points: the raster of a fit.
+pub(crate) type Raster = PlaneRaster;
+/// A corner in the camera frame.
+pub(crate) type Corner = Point<crate::frames::Cam>;

@@ -8,7 +8,7 @@
 
 use crate::calibration::Calibration;
 use crate::frames::{Cam, Plane, Ray};
-use crate::image::redness::{RidgeMap, Z_STEPS};
+use crate::image::redness::{Diagonal, RidgeMap, Z_STEPS};
 use crate::units::LaserId;
 use nalgebra::{Matrix3, Vector3};
 
@@ -216,4 +216,101 @@ impl Best {
     fn into_hypotheses(self) -> Vec<GridHypothesis> {
         self.entries.into_iter().map(|(_, _, h)| h).collect()
     }
+}
+
+/// The diagonal along which each pair of stripes runs.
+pub(crate) fn diagonals(calibration: &Calibration) -> [Diagonal; 2] {
+    [LaserId::ALL[0], LaserId::ALL[2]].map(|id| {
+        let p = calibration.laser(id).per_mm;
+        // The stripe of a far face is p . x = 0: it runs along (-p.y, p.x).
+        if -p.y * p.x > 0.0 { Diagonal::Down } else { Diagonal::Up }
+    })
+}
+
+/// Part of the segment beyond a crossing that must be lit when the next crossing is not on the face.
+const PARTIAL: f64 = 0.3;
+/// Strength (sigmas of 3) of the full segment and of both partial ones that tells three stripes on one plane.
+const THREE_STRONG: f32 = 1.8;
+/// Strongest full segments that are followed up.
+const THREE_KEEP: usize = 40;
+
+/// When no full grid was found: the laser whose stripe is missing, if the other three lie on one plane.
+pub(crate) fn three_stripes(
+    calibration: &Calibration,
+    first_pair: &RidgeMap,
+    second_pair: &RidgeMap,
+) -> Option<LaserId> {
+    let camera = calibration.camera();
+    let [l1, l2, l3, l4] = LaserId::ALL;
+    let px = |x: Vector3<f64>| camera.px_from_ray(&Ray::new(x.x, x.y)).map(|p| [p.u as f32, p.v as f32]);
+    let mut best: Option<(f32, LaserId)> = None;
+    // (full stripe, its missing partner, the two stripes that cross it, maps of the full and of the crossing pair)
+    for (full, missing, [i, j], along, crossing) in [
+        (l1, l2, [l3, l4], first_pair, second_pair),
+        (l2, l1, [l3, l4], first_pair, second_pair),
+        (l3, l4, [l1, l2], second_pair, first_pair),
+        (l4, l3, [l1, l2], second_pair, first_pair),
+    ] {
+        let lines = [crossing_line(calibration, full, i), crossing_line(calibration, full, j)];
+        let speed = lines.iter().map(|(_, s)| s[0].hypot(s[1])).fold(0.0, f64::max) * camera.fx;
+        let step = 2.0 * STEP_PX / speed;
+        let (w_min, w_max) = (1.0 / FARTHEST_MM, 1.0 / NEAREST_MM);
+        let levels = (((w_max - w_min) / step) as usize).clamp(2, 1000) + 1;
+        let at = |line: &([f64; 2], [f64; 2]), n: usize| {
+            let w = w_min + n as f64 * step;
+            (Vector3::new(line.0[0] + w * line.1[0], line.0[1] + w * line.1[1], 1.0), w)
+        };
+        let mut strong = Vec::new();
+        for n in 0..levels {
+            for m in 0..levels {
+                let ((x, wx), (y, wy)) = (at(&lines[0], n), at(&lines[1], m));
+                if wx.max(wy) > MAX_RATIO * wx.min(wy) {
+                    continue;
+                }
+                let (Some(a), Some(c), Some(b)) = (px(x), px((x + y) * 0.5), px(y)) else { continue };
+                let strength = mean_along(along, a, c, b);
+                if strength > THREE_STRONG {
+                    strong.push((strength, x, wx, y, wy));
+                }
+            }
+        }
+        strong.sort_by(|a, b| b.0.total_cmp(&a.0));
+        strong.truncate(THREE_KEEP);
+        let (p_i, p_j, p_missing) =
+            (calibration.laser(i).per_mm, calibration.laser(j).per_mm, calibration.laser(missing).per_mm);
+        for (strength, x, wx, y, wy) in strong {
+            // Planes through both crossings: one angle is free, set by the inverse depth of the missing crossing.
+            for n in 0..levels {
+                let (z, wz) = at(&crossing_line(calibration, missing, i), n);
+                let rows = Matrix3::from_rows(&[x.transpose(), y.transpose(), z.transpose()]);
+                let Some(inverse) = rows.try_inverse() else { continue };
+                let q = inverse * Vector3::new(wx, wy, wz);
+                let middle = (x + y) * 0.5;
+                if q.dot(&middle) / (q.norm() * middle.norm()) < MIN_COS_TILT {
+                    continue;
+                }
+                let other = (q - p_missing).cross(&(q - p_j));
+                if other.z.abs() < 1e-15 {
+                    continue;
+                }
+                let other = other / other.z;
+                let both_sides = |from: Vector3<f64>, to: Vector3<f64>| {
+                    // The face may lie to either side of the stripe that is on it.
+                    [1.0, -1.0]
+                        .into_iter()
+                        .filter_map(|sign| {
+                            let end = from + (to - from) * (sign * PARTIAL);
+                            Some(mean_along(crossing, px(from)?, px((from + end) * 0.5)?, px(end)?))
+                        })
+                        .fold(NONE, f32::max)
+                };
+                let weakest = both_sides(x, z).min(both_sides(y, other)).min(strength);
+                if weakest > THREE_STRONG && best.is_none_or(|(b, _)| weakest > b) {
+                    best = Some((weakest, missing));
+                }
+            }
+        }
+        let _ = p_i;
+    }
+    best.map(|(_, laser)| laser)
 }

@@ -1,0 +1,174 @@
+//! The paper's way (eqs. 5-11): the eight crossings D1-D8 of stripes and edges, each triangulated on its laser plane, four
+//! edges through pairs of them, corners where edges meet, sides between corners.
+
+use super::hypothesize::{SIDES, stripes_across};
+use super::refine::FittedRectangle;
+use super::{Corner, Raster};
+use crate::calibration::Calibration;
+use crate::edges::EdgePoint;
+use crate::edges::side_scan::Across;
+use crate::face::extent::FaceStripes;
+use crate::frames::{Point, Ray};
+use crate::units::{LaserId, Px};
+use nalgebra::{Matrix3, Vector3};
+
+/// Sides from eight key points.
+pub(crate) struct KeyPointSides {
+    /// Across A (low to high a) and across B, mm.
+    pub sides_mm: [f64; 2],
+    /// Their variances, mm^2.
+    pub variances_mm2: [f64; 2],
+}
+
+/// Localisation of a key point, px: the paper reports 1.96 px for its network; crossings of fitted lines reach 0.3 px.
+const KEY_POINT_SIGMA_PX: f64 = 0.5;
+
+/// Where the stripe of `id` meets the line `offset` on a raster: the other coordinate, mm.
+pub(crate) fn crossing_on(
+    calibration: &Calibration,
+    raster: &Raster,
+    across: Across,
+    offset: f64,
+    id: LaserId,
+) -> Option<f64> {
+    let p = calibration.laser(id).per_mm;
+    let start = raster.to_cam(across.at(offset, 0.0)).mm;
+    let direction = raster.to_cam(across.at(offset, 1.0)).mm - start;
+    let slope = p.dot(&direction);
+    (slope.abs() > 1e-12).then(|| (1.0 - p.dot(&start)) / slope)
+}
+
+/// Position along side `side` (mm) where the stripe of `id` crosses it.
+pub(crate) fn along_side_mm(
+    calibration: &Calibration,
+    fit: &FittedRectangle,
+    id: LaserId,
+    side: usize,
+) -> Option<f64> {
+    crossing_on(calibration, &fit.raster, SIDES[side].0, fit.offsets_mm[side], id)
+}
+
+/// D1-D8 of a fitted rectangle on the sensor, two per stripe.
+pub(crate) fn on_sides(calibration: &Calibration, fit: &FittedRectangle) -> Option<[[Px; 2]; 4]> {
+    let mut result = [[Px::new(0.0, 0.0); 2]; 4];
+    for (side, (across, high)) in SIDES.iter().enumerate() {
+        for id in stripes_across(*across) {
+            let along = along_side_mm(calibration, fit, id, side)?;
+            result[id.index()][usize::from(*high)] =
+                fit.raster.to_px(calibration, across.at(fit.offsets_mm[side], along))?;
+        }
+    }
+    Some(result)
+}
+
+/// The sides from the eight key points alone.
+pub(crate) fn measure(
+    calibration: &Calibration,
+    face: &FaceStripes,
+    fit: &FittedRectangle,
+    edges: &[Vec<EdgePoint>; 4],
+) -> Option<KeyPointSides> {
+    let ray = |px: Px| calibration.camera().ray_from_px(px).xy1;
+    let mut stripe_lines = Vec::with_capacity(4);
+    for stripe in &face.stripes {
+        let points: Vec<Vector3<f64>> = stripe.points[stripe.on_plane.clone()]
+            .iter()
+            .filter_map(|p| p.found)
+            .map(|f| ray(f.at))
+            .collect();
+        stripe_lines.push(line_through(&points)?);
+    }
+    let mut edge_lines = Vec::with_capacity(4);
+    for (points, used) in edges.iter().zip(&fit.edge_inliers) {
+        let rays: Vec<Vector3<f64>> =
+            points.iter().zip(used).filter(|(_, used)| **used).map(|(p, _)| ray(p.at)).collect();
+        edge_lines.push(line_through(&rays)?);
+    }
+    // D_i: crossing in the ideal image, depth from its laser plane (eqs. 5-8).
+    let key_point = |side: usize, id: LaserId| -> Option<Vector3<f64>> {
+        let x = stripe_lines[id.index()].cross(&edge_lines[side]);
+        if x.z.abs() < 1e-12 {
+            return None;
+        }
+        calibration.laser(id).intersect(&Ray::new(x.x / x.z, x.y / x.z)).map(|p| p.mm)
+    };
+    let sides_of = |shift: &dyn Fn(usize, usize) -> Vector3<f64>| -> Option<[f64; 2]> {
+        let mut lines = Vec::with_capacity(4);
+        for (side, (across, _)) in SIDES.iter().enumerate() {
+            let [i, j] = stripes_across(*across);
+            let p = key_point(side, i)? + shift(side, 0);
+            let q = key_point(side, j)? + shift(side, 1);
+            lines.push((p, (q - p).try_normalize(1e-9)?));
+        }
+        let corner = |a: usize, b: usize| nearest_to_both(&lines[a], &lines[b]);
+        let corners = [corner(0, 2)?, corner(1, 2)?, corner(1, 3)?, corner(0, 3)?];
+        // Each side twice, from its two edges (eq. 9).
+        let distance = |i: usize, j: usize| corners[i].distance_mm(&corners[j]);
+        Some([0.5 * (distance(0, 1) + distance(3, 2)), 0.5 * (distance(1, 2) + distance(0, 3))])
+    };
+    let none = |_: usize, _: usize| Vector3::zeros();
+    let sides_mm = sides_of(&none)?;
+    // Every key point moved along the viewing ray's perpendicular by its sigma, one at a time.
+    let mut variances_mm2 = [0.0; 2];
+    for side in 0..4 {
+        for end in 0..2 {
+            let id = stripes_across(SIDES[side].0)[end];
+            let at = key_point(side, id)?;
+            let along_stripe = match SIDES[side].0 {
+                Across::A => fit.raster.to_cam(nalgebra::Vector2::new(1.0, 0.0)).mm,
+                Across::B => fit.raster.to_cam(nalgebra::Vector2::new(0.0, 1.0)).mm,
+            } - fit.raster.to_cam(nalgebra::Vector2::zeros()).mm;
+            let sigma_mm = KEY_POINT_SIGMA_PX * at.z / calibration.camera().fx;
+            let moved = sides_of(&|s, e| {
+                if s == side && e == end { along_stripe * sigma_mm } else { Vector3::zeros() }
+            })?;
+            for (v, (m, s)) in variances_mm2.iter_mut().zip(moved.iter().zip(sides_mm)) {
+                *v += (m - s).powi(2);
+            }
+        }
+    }
+    sides_mm.iter().all(|s| s.is_finite() && *s > 0.0).then_some(KeyPointSides { sides_mm, variances_mm2 })
+}
+
+/// The line through many rays of the ideal image, total least squares with one round of outlier removal.
+fn line_through(rays: &[Vector3<f64>]) -> Option<Vector3<f64>> {
+    let fit = |keep: &dyn Fn(&Vector3<f64>) -> bool| {
+        let (mut n, mut mean) = (0.0, Vector3::zeros());
+        for r in rays.iter().filter(|r| keep(r)) {
+            mean += r;
+            n += 1.0;
+        }
+        if n < 4.0 {
+            return None;
+        }
+        mean /= n;
+        let mut scatter = Matrix3::zeros();
+        for r in rays.iter().filter(|r| keep(r)) {
+            let d = r - mean;
+            scatter += d * d.transpose();
+        }
+        let direction_angle = 0.5 * (2.0 * scatter[(0, 1)]).atan2(scatter[(0, 0)] - scatter[(1, 1)]);
+        let (s, c) = direction_angle.sin_cos();
+        Some(Vector3::new(-s, c, s * mean.x - c * mean.y))
+    };
+    let first = fit(&|_| true)?;
+    let mut distances: Vec<f64> = rays.iter().map(|r| first.dot(r).abs()).collect();
+    let middle = distances.len() / 2;
+    let limit = 3.0 * distances.select_nth_unstable_by(middle, f64::total_cmp).1.max(1e-6) / 0.6745;
+    fit(&|r| first.dot(r).abs() <= limit)
+}
+
+/// The point nearest to two lines in space (they miss each other by noise).
+fn nearest_to_both(
+    (p, d): &(Vector3<f64>, Vector3<f64>),
+    (q, e): &(Vector3<f64>, Vector3<f64>),
+) -> Option<Corner> {
+    let (b, w) = (d.dot(e), p - q);
+    let denominator = 1.0 - b * b;
+    if denominator < 1e-6 {
+        return None;
+    }
+    let s = (b * e.dot(&w) - d.dot(&w)) / denominator;
+    let t = (e.dot(&w) - b * d.dot(&w)) / denominator;
+    Some(Point::from_vector(0.5 * (p + d * s + q + e * t)))
+}
