@@ -11,6 +11,7 @@ const MODULES: [&str; 15] = [
     "error",
     "frames",
     "reject",
+    "measurement",
     "image",
     "camera",
     "calibration",
@@ -20,7 +21,6 @@ const MODULES: [&str; 15] = [
     "edges",
     "rectangle",
     "cuboid",
-    "measurement",
     "pipeline",
 ];
 
