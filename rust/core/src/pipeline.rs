@@ -16,8 +16,10 @@ use std::time::Instant;
 
 /// Planes that are tried, strongest first.
 const PLANES: usize = 4;
-/// Share of the inner segment of each stripe that must be seen on the face's plane: half of it may be dark print.
-const MIN_INNER_SHARE: f64 = 0.4;
+/// Share of each stripe between its ends that must be seen on the face's plane: more than half of it may be print ...
+const MIN_SEEN_SHARE: f64 = 0.4;
+/// ... and share of its inner segment, which a line of big red letters can cover for the most part.
+const MIN_INNER_SHARE: f64 = 0.15;
 /// Robust scatter of the stripe centres in units of their own sigmas: more is no plane.
 const MAX_SCALE: f64 = 3.5;
 
@@ -100,7 +102,7 @@ fn face_stages(
             Err(match (missing, other) {
                 (Some(laser), _) => Reject::StripeMissing { laser, stripes_on_face: 3 },
                 (None, Some((_, reject))) => reject,
-                (None, None) => Reject::NoBox { best_share: 0.0, needed_share: MIN_INNER_SHARE },
+                (None, None) => Reject::NoBox { best_share: 0.0, needed_share: MIN_SEEN_SHARE },
             })
         }
     }
@@ -113,11 +115,11 @@ fn measure_on_plane(
     hypothesis: &GridHypothesis,
     clock: &mut Clock<'_>,
 ) -> Result<FaceMeasurement, Reject> {
-    let no_box = |best_share: f64| Reject::NoBox { best_share, needed_share: MIN_INNER_SHARE };
+    let no_box = |best_share: f64| Reject::NoBox { best_share, needed_share: MIN_SEEN_SHARE };
     let face = follow_stripes(frame, calibration, &hypothesis.plane);
     clock.lap("stripes");
     let face = face.ok_or_else(|| no_box(0.0))?;
-    check_stripes(&face).map_err(|share| no_box(share))?;
+    check_stripes(&face).map_err(no_box)?;
     let rough = hypothesize(frame, calibration, &face);
     clock.lap("sides");
     let rough = rough?;
@@ -135,8 +137,10 @@ fn measure_on_plane(
 
 /// Every stripe must be seen on the plane, and the centres must scatter as they should; else the share that was seen.
 fn check_stripes(face: &FaceStripes) -> Result<(), f64> {
-    let least = face.stripes.iter().map(|s| s.inner_share).fold(f64::INFINITY, f64::min);
-    if least < MIN_INNER_SHARE || face.fit.scale > MAX_SCALE { Err(least) } else { Ok(()) }
+    let seen = face.stripes.iter().map(|s| s.seen_share).fold(f64::INFINITY, f64::min);
+    let inner = face.stripes.iter().map(|s| s.inner_share).fold(f64::INFINITY, f64::min);
+    let enough = seen >= MIN_SEEN_SHARE && inner >= MIN_INNER_SHARE && face.fit.scale <= MAX_SCALE;
+    if enough { Ok(()) } else { Err(seen.min(inner)) }
 }
 
 /// Measures a box from two frames of adjacent faces.

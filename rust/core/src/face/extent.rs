@@ -32,6 +32,8 @@ pub(crate) struct FaceStripe {
     pub on_plane: std::ops::Range<usize>,
     /// Share of the inner segment (between the crossings) that was seen on the plane, 0 to 1.
     pub inner_share: f64,
+    /// Share of the places between the two ends that were seen on the plane, 0 to 1.
+    pub seen_share: f64,
     /// Rows per point.
     pub rows: usize,
     /// Median peak over noise of the averaged profiles on the plane.
@@ -60,6 +62,13 @@ const TEXTURE_PX: f64 = 0.2;
 /// A peak lower than this share of the stripe's usual height is another surface (the floor behind the box): black print
 /// reflects at least 4 % where cardboard reflects 30 %.
 const LEAST_SHARE: f64 = 0.13;
+/// A peak higher than this many times the usual height is red print: a white label reflects 2 to 3 times what cardboard
+/// does.
+const MOST_SHARE: f64 = 3.5;
+/// Residuals of four true stripes scatter by 0.6 to 1.2 of their sigmas; above this one is looked for that does not fit.
+const SUSPICIOUS_SCALE: f64 = 1.3;
+/// ... and is left out if the others then scatter by less than this share of it.
+const LIAR_GAIN: f64 = 0.8;
 /// What a place without a peak counts against the stripe, a place with a peak on the plane counting 1: dark print and
 /// black tape swallow a stripe for a while; it must come back for as many places as half the gap.
 const ABSENT: f64 = -0.5;
@@ -85,23 +94,29 @@ pub(crate) fn follow_stripes(frame: &Frame, calibration: &Calibration, start: &P
     let mut settings =
         TraceSettings { rows: 16, search_px: 10.0, min_signal_to_noise: 3.0, half_width_px: FIRST_HALF_WIDTH_PX, estimator: Estimator::CentreOfGravity };
     let mut rows = [16; 4];
+    let mut usual = 0.0;
     // First the inner segments alone: whatever lies around the face cannot mislead them.
     for search_px in [10.0, 6.0, 4.0] {
         settings.search_px = search_px;
-        let mut observations = Vec::new();
         let mut pieces = Vec::with_capacity(4);
         for id in LaserId::ALL {
             pieces.push(inner_segment(calibration, &plane, id)?);
         }
         settings.half_width_px =
             measure_half_width_px(frame, calibration, &pieces).unwrap_or(settings.half_width_px);
+        let mut traces = Vec::with_capacity(4);
         for (id, (line, range, from)) in LaserId::ALL.into_iter().zip(pieces) {
             settings.rows = rows[id.index()];
             let points = trace(frame, calibration, &line, range, from, &settings);
             rows[id.index()] = rows_for(&points, settings.rows);
-            collect(id, &points, &mut observations);
+            traces.push(points);
         }
-        plane = fit_plane(calibration, &observations, &plane)?.plane;
+        usual = usual_amplitude(&traces)?;
+        let mut observations = Vec::new();
+        for (id, points) in LaserId::ALL.into_iter().zip(&traces) {
+            collect(id, points, usual, &mut observations);
+        }
+        plane = fit_without_a_liar(calibration, &observations, &plane)?;
     }
     // Then outwards, twice: longer stripes fix the plane better, a better plane predicts the ends better.
     let mut result = None;
@@ -111,8 +126,8 @@ pub(crate) fn follow_stripes(frame: &Frame, calibration: &Calibration, start: &P
         let mut stripes = Vec::with_capacity(4);
         for id in LaserId::ALL {
             settings.rows = rows[id.index()];
-            let stripe = follow(frame, calibration, &plane, id, &settings)?;
-            collect(id, &stripe.points[stripe.on_plane.clone()], &mut observations);
+            let stripe = follow(frame, calibration, &plane, id, usual, &settings)?;
+            collect(id, &stripe.points[stripe.on_plane.clone()], usual, &mut observations);
             stripes.push(stripe);
         }
         let fit = fit_plane(calibration, &observations, &plane)?;
@@ -122,9 +137,41 @@ pub(crate) fn follow_stripes(frame: &Frame, calibration: &Calibration, start: &P
     result
 }
 
-fn collect(laser: LaserId, points: &[StripePoint], observations: &mut Vec<StripeObservation>) {
+/// Fits the plane; if leaving one stripe out makes the others agree much better, that one followed something else (the
+/// straight lower edge of a line of print) and is left out: three stripes fix a plane.
+fn fit_without_a_liar(
+    calibration: &Calibration,
+    observations: &[StripeObservation],
+    start: &Plane<Cam>,
+) -> Option<Plane<Cam>> {
+    let all = fit_plane(calibration, observations, start)?;
+    let mut best = (all.scale * LIAR_GAIN, all.plane);
+    if all.scale > SUSPICIOUS_SCALE {
+        for id in LaserId::ALL {
+            let others: Vec<StripeObservation> = observations.iter().filter(|o| o.laser != id).copied().collect();
+            if let Some(fit) = fit_plane(calibration, &others, start)
+                && fit.scale < best.0
+            {
+                best = (fit.scale, fit.plane);
+            }
+        }
+    }
+    Some(best.1)
+}
+
+/// The median height of all peaks of all stripes: one stripe may follow the edge of red print, four do not.
+fn usual_amplitude(traces: &[Vec<StripePoint>]) -> Option<f64> {
+    let mut all: Vec<f64> = traces.iter().flatten().filter_map(|p| p.found).map(|f| f.amplitude).collect();
+    if all.is_empty() {
+        return None;
+    }
+    let middle = all.len() / 2;
+    Some(*all.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
+
+fn collect(laser: LaserId, points: &[StripePoint], usual: f64, observations: &mut Vec<StripeObservation>) {
     observations.extend(
-        points.iter().filter_map(|p| p.found).map(|f| StripeObservation { laser, at: f.at, sigma_px: f.sigma_px }),
+        points.iter().filter_map(|p| p.found).filter(|f| f.amplitude < MOST_SHARE * usual).map(|f| StripeObservation { laser, at: f.at, sigma_px: f.sigma_px }),
     );
 }
 
@@ -171,6 +218,7 @@ fn follow(
     calibration: &Calibration,
     plane: &Plane<Cam>,
     id: LaserId,
+    usual: f64,
     settings: &TraceSettings,
 ) -> Option<FaceStripe> {
     let (line, inner, first) = inner_segment(calibration, plane, id)?;
@@ -188,19 +236,9 @@ fn follow(
     if points.is_empty() {
         return None;
     }
-    let mut heights: Vec<f64> = points
-        .iter()
-        .filter(|p| inner.contains(&p.along_px))
-        .map(|p| p.found.map_or(0.0, |f| f.amplitude))
-        .collect();
-    if heights.is_empty() {
-        return None;
-    }
-    let middle = heights.len() / 2;
-    let usual = *heights.select_nth_unstable_by(middle, f64::total_cmp).1;
     // The log-likelihood of "on the plane" against "anywhere", scaled to +-1.
     let score = |p: &StripePoint| match p.found {
-        Some(f) if f.amplitude < LEAST_SHARE * usual => ABSENT,
+        Some(f) if f.amplitude < LEAST_SHARE * usual || f.amplitude > MOST_SHARE * usual => ABSENT,
         Some(f) => (1.0 - (f.residual_px / (ON_PLANE_SIGMAS * f.sigma_px.hypot(TEXTURE_PX))).powi(2)).max(-1.0),
         None => ABSENT,
     };
@@ -226,7 +264,12 @@ fn follow(
     };
     let end = hi + reach(&mut (hi..points.len()));
     let begin = lo - reach(&mut (0..lo).rev());
-    let spacing = settings.rows as f64;
+    let seen_all = points[begin..end].iter().filter(|p| score(p) > 0.0).count();
+    let seen_share = seen_all as f64 / (end - begin).max(1) as f64;
+    // Where a share p of the places is seen, the last one seen lies up to ln(0.05) / ln(1 - p) places before the end
+    // (95 %).
+    let unseen = (1.0 - seen_share).clamp(0.01, 0.9);
+    let spacing = settings.rows as f64 * (1.0 + 0.05f64.ln() / unseen.ln());
     let place = |inside: usize, outside: Option<usize>| {
         let (at, at_border) = match outside {
             Some(o) => {
@@ -257,6 +300,7 @@ fn follow(
         points,
         on_plane: begin..end,
         inner_share,
+        seen_share,
         rows: settings.rows,
         signal_to_noise,
     })
