@@ -2,7 +2,7 @@
 
 use crate::calibration::Calibration;
 use crate::cuboid;
-use crate::edges::{EdgeDetector, subpixel::GradientDetector};
+use crate::edges::{EdgeDetector, hough::HoughDetector, subpixel::GradientDetector};
 use crate::error::{Error, ErrorKind};
 use crate::face::extent::{FaceStripes, follow_stripes};
 use crate::image::Frame;
@@ -126,7 +126,7 @@ fn measure_on_plane(
     let keep_out = rectangle::keep_out(calibration, &face, &rough);
     let detector: &dyn EdgeDetector = match settings.edges {
         EdgeMethod::Gradient => &GradientDetector,
-        EdgeMethod::Hough => &GradientDetector,
+        EdgeMethod::Hough => &HoughDetector,
     };
     let edges = detector.edge_points(frame, calibration, &rough, &keep_out);
     clock.lap("edges");

@@ -1,6 +1,8 @@
-//! The edges of a face: where along a direction a straight edge lies ([`side_scan`]), and its sub-pixel course
-//! ([`subpixel`]).
+//! The edges of a face: where along a direction a straight edge lies ([`side_scan`]), and its course found by gradients
+//! along the predicted normals ([`subpixel`]) or by the paper's edge map and Hough transform ([`map`], [`hough`]).
 
+pub(crate) mod hough;
+pub(crate) mod map;
 pub(crate) mod side_scan;
 pub(crate) mod subpixel;
 
@@ -13,8 +15,6 @@ use crate::units::Px;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct EdgePoint {
     pub at: Px,
-    /// Position along the side, 0 to 1.
-    pub along: f64,
     /// Standard deviation across the side, px.
     pub sigma_px: f64,
 }
@@ -52,4 +52,20 @@ pub(crate) fn brightness(frame: &Frame, u: f64, v: f64) -> Option<f32> {
     let top = at(x, y) * (1.0 - fu) + at(x + 1, y) * fu;
     let bottom = at(x, y + 1) * (1.0 - fu) + at(x + 1, y + 1) * fu;
     Some(top * (1.0 - fv) + bottom * fv)
+}
+
+/// Brightness at half resolution, grey levels.
+pub(crate) fn brightness_half(frame: &Frame) -> (usize, usize, Vec<f32>) {
+    let (w, h) = (frame.width_px() / 2, frame.height_px() / 2);
+    let stride = frame.width_px() * 3;
+    let mut out = vec![0f32; w * h];
+    for (j, row) in out.chunks_exact_mut(w.max(1)).enumerate() {
+        let top = &frame.rgb()[2 * j * stride..][..w * 6];
+        let bottom = &frame.rgb()[(2 * j + 1) * stride..][..w * 6];
+        for ((o, t), b) in row.iter_mut().zip(top.chunks_exact(6)).zip(bottom.chunks_exact(6)) {
+            let sum: u16 = [t[1], t[2], t[4], t[5], b[1], b[2], b[4], b[5]].iter().map(|x| u16::from(*x)).sum();
+            *o = f32::from(sum) / 8.0;
+        }
+    }
+    (w, h, out)
 }

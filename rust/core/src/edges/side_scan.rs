@@ -48,11 +48,11 @@ pub(crate) struct SideScan {
     strength: Vec<f32>,
 }
 
-/// An edge candidate: offset at the middle of the side and its change from the first to the last segment, mm.
+/// An edge candidate.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct EdgeCandidate {
+    /// Offset at the middle of the side, mm.
     pub offset_mm: f64,
-    pub drift_mm: f64,
     /// Mean strength of the segments, 0 to 1.
     pub strength: f32,
 }
@@ -148,17 +148,11 @@ impl SideScan {
         let mut all = Vec::new();
         for k in 0..self.steps {
             let best = (-max_drift..=max_drift)
-                .map(|d| (self.strength_at(k as f64, d as f64), d))
-                // With equal strength the least drift is the likeliest.
-                .max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.abs().cmp(&a.1.abs())));
-            if let Some((strength, drift)) = best
-                && strength >= least
-            {
-                all.push(EdgeCandidate {
-                    offset_mm: self.start_mm + k as f64 * self.step_mm,
-                    drift_mm: drift as f64 * self.step_mm,
-                    strength,
-                });
+                .map(|d| self.strength_at(k as f64, d as f64))
+                .fold(0.0, f32::max);
+            if best >= least {
+                let offset_mm = self.start_mm + k as f64 * self.step_mm;
+                all.push(EdgeCandidate { offset_mm, strength: best });
             }
         }
         all.sort_by(|a, b| b.strength.total_cmp(&a.strength));

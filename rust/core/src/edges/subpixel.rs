@@ -186,7 +186,7 @@ fn points_on_line(profiles: &[Profile]) -> Vec<EdgePoint> {
             continue;
         }
         let index = top as f64 + f64::from(0.5 * (l - r) / curvature);
-        points.push(EdgePoint { at: p.at(index), along: p.along, sigma_px: 0.5 * f64::from(noise / height).max(0.2) });
+        points.push(EdgePoint { at: p.at(index), sigma_px: 0.5 * f64::from(noise / height).max(0.2) });
     }
     points
 }

@@ -23,7 +23,6 @@ pub(crate) struct StripeEnd {
 #[derive(Clone, Debug)]
 pub(crate) struct FaceStripe {
     pub laser: LaserId,
-    pub line: StripeLine,
     /// The lower and the upper end along the walk.
     pub ends: [StripeEnd; 2],
     /// All places along the whole line, on the plane or not.
@@ -295,7 +294,6 @@ fn follow(
     let signal_to_noise = *snr.select_nth_unstable_by(middle, f64::total_cmp).1;
     Some(FaceStripe {
         laser: id,
-        line,
         ends,
         points,
         on_plane: begin..end,

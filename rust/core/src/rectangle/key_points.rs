@@ -3,12 +3,12 @@
 
 use super::hypothesize::{SIDES, stripes_across};
 use super::refine::FittedRectangle;
-use super::{Corner, Raster};
 use crate::calibration::Calibration;
 use crate::edges::EdgePoint;
 use crate::edges::side_scan::Across;
 use crate::face::extent::FaceStripes;
-use crate::frames::{Point, Ray};
+use crate::face::raster::PlaneRaster;
+use crate::frames::{Cam, Point, Ray};
 use crate::units::{LaserId, Px};
 use nalgebra::{Matrix3, Vector3};
 
@@ -26,7 +26,7 @@ const KEY_POINT_SIGMA_PX: f64 = 0.5;
 /// Where the stripe of `id` meets the line `offset` on a raster: the other coordinate, mm.
 pub(crate) fn crossing_on(
     calibration: &Calibration,
-    raster: &Raster,
+    raster: &PlaneRaster,
     across: Across,
     offset: f64,
     id: LaserId,
@@ -162,7 +162,7 @@ fn line_through(rays: &[Vector3<f64>]) -> Option<Vector3<f64>> {
 fn nearest_to_both(
     (p, d): &(Vector3<f64>, Vector3<f64>),
     (q, e): &(Vector3<f64>, Vector3<f64>),
-) -> Option<Corner> {
+) -> Option<Point<Cam>> {
     let (b, w) = (d.dot(e), p - q);
     let denominator = 1.0 - b * b;
     if denominator < 1e-6 {

@@ -1,0 +1,175 @@
+//! The paper's procedure: edge map, Hough transform `rho = u cos(theta) + v sin(theta)` (eq. 20), clustering of the peaks
+//! with 15 px and 1.8 degrees, line fits; of the lines, each side of the face takes the one that fits it.
+
+use super::map::{EdgePixel, edge_pixels};
+use super::{EdgeDetector, EdgePoint};
+use crate::calibration::Calibration;
+use crate::image::Frame;
+use crate::rectangle::hypothesize::{RoughRectangle, SIDES};
+use crate::units::Px;
+use std::f64::consts::PI;
+
+/// The paper's chain.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct HoughDetector;
+
+/// Cells of the accumulator: half a degree and 4 px.
+const THETA_CELLS: usize = 360;
+const RHO_CELL_PX: f64 = 4.0;
+/// A pixel votes for lines whose normal is within this angle of its gradient: Sobel is that exact at 3 levels of noise.
+const VOTE_RAD: f64 = 0.07;
+/// Clustering, from the paper (section 3.5).
+const CLUSTER_RHO_PX: f64 = 15.0;
+const CLUSTER_THETA_RAD: f64 = 1.8 * PI / 180.0;
+/// Peaks that are looked at.
+const PEAKS: usize = 400;
+/// Least votes of a peak: a line of 60 map pixels.
+const MIN_VOTES: f32 = 60.0;
+/// A side takes a line whose ends are within this distance of its own corners, px.
+const SIDE_DISTANCE_PX: f64 = 15.0;
+/// Pixels of the map this near the line belong to it, px.
+const ON_LINE_PX: f64 = 2.5;
+/// Localisation of one map pixel, px: half-resolution ridge with parabola.
+const SIGMA_PX: f64 = 0.7;
+
+#[derive(Clone, Copy, Debug)]
+struct Line {
+    rho_px: f64,
+    theta_rad: f64,
+    votes: f32,
+}
+
+impl Line {
+    fn distance_px(&self, p: Px) -> f64 {
+        p.u * self.theta_rad.cos() + p.v * self.theta_rad.sin() - self.rho_px
+    }
+
+    /// Difference to another line in rho and theta; (rho, theta) and (-rho, theta + pi) are one line.
+    fn difference(&self, other: &Self) -> (f64, f64) {
+        let d = (self.theta_rad - other.theta_rad).rem_euclid(PI);
+        let turned = (self.theta_rad - other.theta_rad).cos() < 0.0;
+        let rho = if turned { self.rho_px + other.rho_px } else { self.rho_px - other.rho_px };
+        (rho.abs(), d.min(PI - d))
+    }
+}
+
+impl EdgeDetector for HoughDetector {
+    fn edge_points(
+        &self,
+        frame: &Frame,
+        calibration: &Calibration,
+        rough: &RoughRectangle,
+        keep_out: &[(Px, f64)],
+    ) -> [Vec<EdgePoint>; 4] {
+        let pixels = edge_pixels(frame);
+        let lines = cluster(peaks(&pixels, frame.width_px(), frame.height_px()));
+        [0, 1, 2, 3].map(|side| side_points(calibration, rough, side, &pixels, &lines, keep_out).unwrap_or_default())
+    }
+}
+
+fn peaks(pixels: &[EdgePixel], width: usize, height: usize) -> Vec<Line> {
+    let reach = (width as f64).hypot(height as f64);
+    let rho_cells = (2.0 * reach / RHO_CELL_PX).ceil() as usize + 1;
+    let mut votes = vec![0f32; THETA_CELLS * rho_cells];
+    let cell = PI / THETA_CELLS as f64;
+    let directions: Vec<(f64, f64)> = (0..THETA_CELLS).map(|t| (t as f64 * cell).sin_cos()).collect();
+    let spread = (VOTE_RAD / cell).round() as i64;
+    for p in pixels {
+        let middle = (f64::from(p.normal_rad).rem_euclid(PI) / cell).round() as i64;
+        for t in middle - spread..=middle + spread {
+            let t = t.rem_euclid(THETA_CELLS as i64) as usize;
+            let (s, c) = directions[t];
+            let rho = p.at.u * c + p.at.v * s;
+            votes[t * rho_cells + ((rho + reach) / RHO_CELL_PX) as usize] += 1.0;
+        }
+    }
+    let mut all: Vec<Line> = Vec::new();
+    for t in 0..THETA_CELLS {
+        for r in 1..rho_cells - 1 {
+            let v = votes[t * rho_cells + r];
+            if v >= MIN_VOTES && v >= votes[t * rho_cells + r - 1] && v >= votes[t * rho_cells + r + 1] {
+                all.push(Line {
+                    rho_px: (r as f64 + 0.5) * RHO_CELL_PX - reach,
+                    theta_rad: t as f64 * cell,
+                    votes: v,
+                });
+            }
+        }
+    }
+    all.sort_by(|a, b| b.votes.total_cmp(&a.votes));
+    all.truncate(PEAKS);
+    all
+}
+
+/// One line a cluster: the one with most votes stands for those near it.
+fn cluster(peaks: Vec<Line>) -> Vec<Line> {
+    let mut kept: Vec<Line> = Vec::new();
+    for p in peaks {
+        let known = kept.iter().any(|k| {
+            let (rho, theta) = k.difference(&p);
+            rho < CLUSTER_RHO_PX && theta < CLUSTER_THETA_RAD
+        });
+        if !known {
+            kept.push(p);
+        }
+    }
+    kept
+}
+
+fn side_points(
+    calibration: &Calibration,
+    rough: &RoughRectangle,
+    side: usize,
+    pixels: &[EdgePixel],
+    lines: &[Line],
+    keep_out: &[(Px, f64)],
+) -> Option<Vec<EdgePoint>> {
+    let (across, _) = SIDES[side];
+    let (from, to) = rough.span_mm(side);
+    let corner = |along: f64| rough.raster.to_px(calibration, across.at(rough.offsets_mm[side], along));
+    let (first, last) = (corner(from)?, corner(to)?);
+    let misfit = |l: &Line| l.distance_px(first).abs().max(l.distance_px(last).abs());
+    let line = lines
+        .iter()
+        .filter(|l| misfit(l) < SIDE_DISTANCE_PX)
+        .max_by(|a, b| (f64::from(a.votes) / (4.0 + misfit(a))).total_cmp(&(f64::from(b.votes) / (4.0 + misfit(b)))))?;
+    let length = first.distance_px(last);
+    let direction = ((last.u - first.u) / length, (last.v - first.v) / length);
+    // The line is refitted twice to the pixels near it: a Hough cell is coarser than the pixels.
+    let mut offset = (line.distance_px(first), line.distance_px(last));
+    let sign = if -direction.1 * line.theta_rad.cos() + direction.0 * line.theta_rad.sin() < 0.0 { -1.0 } else { 1.0 };
+    offset = (-sign * offset.0, -sign * offset.1);
+    let mut chosen = Vec::new();
+    for near in [6.0, 4.0, ON_LINE_PX] {
+        chosen.clear();
+        let (mut n, mut st, mut stt, mut sd, mut std) = (0.0, 0.0, 0.0, 0.0, 0.0);
+        for p in pixels {
+            let (du, dv) = (p.at.u - first.u, p.at.v - first.v);
+            let t = (du * direction.0 + dv * direction.1) / length;
+            let d = -du * direction.1 + dv * direction.0;
+            if !(0.025..0.975).contains(&t) || (d - offset.0 - (offset.1 - offset.0) * t).abs() > near {
+                continue;
+            }
+            let across_edge = (-f64::from(p.normal_rad.cos()) * direction.1
+                + f64::from(p.normal_rad.sin()) * direction.0)
+                .abs();
+            if across_edge < 0.9 || keep_out.iter().any(|(c, r)| c.distance_px(p.at) < *r) {
+                continue;
+            }
+            n += 1.0;
+            st += t;
+            stt += t * t;
+            sd += d;
+            std += t * d;
+            chosen.push(EdgePoint { at: p.at, sigma_px: SIGMA_PX });
+        }
+        let spread = stt - st * st / n;
+        if n < 8.0 || spread < 1e-6 {
+            return None;
+        }
+        let slope = (std - st * sd / n) / spread;
+        let at_first = (sd - slope * st) / n;
+        offset = (at_first, at_first + slope);
+    }
+    Some(chosen)
+}
