@@ -25,7 +25,8 @@ pub use camera::CameraModel;
 pub use error::{Error, ErrorKind};
 pub use image::Frame;
 pub use measurement::{
-    BoxMeasurement, BoxReport, EdgeMethod, FaceMeasurement, FaceOutcome, Method, Outcome, Settings, StageTimes,
+    BoxMeasurement, BoxReport, EdgeMethod, FaceMeasurement, FaceOutcome, Method, Outcome, Settings,
+    StageTimes,
 };
 pub use pipeline::{measure_box, measure_face};
 pub use reject::Reject;

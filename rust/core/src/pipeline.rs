@@ -7,7 +7,9 @@ use crate::error::{Error, ErrorKind};
 use crate::face::extent::{FaceStripes, follow_stripes};
 use crate::image::Frame;
 use crate::image::redness::{Diagonal, half_redness, ridge_map};
-use crate::measurement::{BoxReport, EdgeMethod, FaceMeasurement, FaceOutcome, Outcome, Settings, StageTimes};
+use crate::measurement::{
+    BoxReport, EdgeMethod, FaceMeasurement, FaceOutcome, Outcome, Settings, StageTimes,
+};
 use crate::rectangle;
 use crate::rectangle::hypothesize::hypothesize;
 use crate::reject::Reject;
@@ -51,7 +53,9 @@ pub fn measure_face(
     settings: &Settings,
     times: &mut StageTimes,
 ) -> Result<FaceOutcome, Error> {
-    if frame.width_px() != calibration.width_px() as usize || frame.height_px() != calibration.height_px() as usize {
+    if frame.width_px() != calibration.width_px() as usize
+        || frame.height_px() != calibration.height_px() as usize
+    {
         return Err(Error::new(
             ErrorKind::CalibrationMismatch,
             format!(
@@ -162,4 +166,3 @@ pub fn measure_box(
     };
     Ok(BoxReport { outcome, faces: [a, b] })
 }
-

@@ -141,7 +141,9 @@ impl fmt::Display for Reject {
             Self::FaceNotPlanar { rms_px, limit_px } => {
                 write!(f, "the stripes do not lie on one plane: rms {rms_px:.2} px, allowed {limit_px:.2} px")
             }
-            Self::RectangleOpen { sides_found } => write!(f, "only {sides_found} of 4 sides of the face were found"),
+            Self::RectangleOpen { sides_found } => {
+                write!(f, "only {sides_found} of 4 sides of the face were found")
+            }
             Self::NotARectangle { rms_px, limit_px } => write!(
                 f,
                 "the four sides do not form a rectangle: rms {rms_px:.2} px, allowed {limit_px:.2} px"

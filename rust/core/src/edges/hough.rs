@@ -4,8 +4,8 @@
 use super::map::{EdgePixel, edge_pixels};
 use super::{EdgeDetector, EdgePoint};
 use crate::calibration::Calibration;
+use crate::face::outline::{RoughRectangle, SIDES};
 use crate::image::Frame;
-use crate::rectangle::hypothesize::{RoughRectangle, SIDES};
 use crate::units::Px;
 use std::f64::consts::PI;
 
@@ -63,7 +63,8 @@ impl EdgeDetector for HoughDetector {
     ) -> [Vec<EdgePoint>; 4] {
         let pixels = edge_pixels(frame);
         let lines = cluster(peaks(&pixels, frame.width_px(), frame.height_px()));
-        [0, 1, 2, 3].map(|side| side_points(calibration, rough, side, &pixels, &lines, keep_out).unwrap_or_default())
+        [0, 1, 2, 3]
+            .map(|side| side_points(calibration, rough, side, &pixels, &lines, keep_out).unwrap_or_default())
     }
 }
 
@@ -126,18 +127,21 @@ fn side_points(
 ) -> Option<Vec<EdgePoint>> {
     let (across, _) = SIDES[side];
     let (from, to) = rough.span_mm(side);
-    let corner = |along: f64| rough.raster.to_px(calibration, across.at(rough.offsets_mm[side], along));
+    let corner = |along: f64| rough.raster.pixel(calibration, across.at(rough.offsets_mm[side], along));
     let (first, last) = (corner(from)?, corner(to)?);
     let misfit = |l: &Line| l.distance_px(first).abs().max(l.distance_px(last).abs());
-    let line = lines
-        .iter()
-        .filter(|l| misfit(l) < SIDE_DISTANCE_PX)
-        .max_by(|a, b| (f64::from(a.votes) / (4.0 + misfit(a))).total_cmp(&(f64::from(b.votes) / (4.0 + misfit(b)))))?;
+    let line = lines.iter().filter(|l| misfit(l) < SIDE_DISTANCE_PX).max_by(|a, b| {
+        (f64::from(a.votes) / (4.0 + misfit(a))).total_cmp(&(f64::from(b.votes) / (4.0 + misfit(b))))
+    })?;
     let length = first.distance_px(last);
     let direction = ((last.u - first.u) / length, (last.v - first.v) / length);
     // The line is refitted twice to the pixels near it: a Hough cell is coarser than the pixels.
     let mut offset = (line.distance_px(first), line.distance_px(last));
-    let sign = if -direction.1 * line.theta_rad.cos() + direction.0 * line.theta_rad.sin() < 0.0 { -1.0 } else { 1.0 };
+    let sign = if -direction.1 * line.theta_rad.cos() + direction.0 * line.theta_rad.sin() < 0.0 {
+        -1.0
+    } else {
+        1.0
+    };
     offset = (-sign * offset.0, -sign * offset.1);
     let mut chosen = Vec::new();
     for near in [6.0, 4.0, ON_LINE_PX] {

@@ -11,8 +11,6 @@ pub(crate) struct EdgePixel {
     pub at: Px,
     /// Direction of the gradient (the edge's normal), rad in (-pi, pi].
     pub normal_rad: f32,
-    /// Gradient, grey levels per half-resolution px.
-    pub strength: f32,
 }
 
 /// Weakest gradient that counts, grey levels per half-resolution px: cardboard texture reaches about 1.
@@ -56,7 +54,6 @@ pub(crate) fn edge_pixels(frame: &Frame) -> Vec<EdgePixel> {
                 // Half-resolution pixel i covers full pixels 2i and 2i + 1.
                 at: Px::new(2.0 * half.0 + 0.5, 2.0 * half.1 + 0.5),
                 normal_rad: gy.atan2(gx),
-                strength: m,
             });
         }
     }

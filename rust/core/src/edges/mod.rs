@@ -7,8 +7,8 @@ pub(crate) mod side_scan;
 pub(crate) mod subpixel;
 
 use crate::calibration::Calibration;
+use crate::face::outline::RoughRectangle;
 use crate::image::Frame;
-use crate::rectangle::hypothesize::RoughRectangle;
 use crate::units::Px;
 
 /// A point on a side of the face.
@@ -22,7 +22,7 @@ pub(crate) struct EdgePoint {
 /// Finds the points of the four sides near a rough rectangle. `keep_out` are places with a radius (px) where laser light
 /// disturbs.
 pub(crate) trait EdgeDetector {
-    /// Edge points per side, in the order of [`crate::rectangle::hypothesize::SIDES`].
+    /// Edge points per side, in the order of [`crate::face::outline::SIDES`].
     fn edge_points(
         &self,
         frame: &Frame,
@@ -63,7 +63,8 @@ pub(crate) fn brightness_half(frame: &Frame) -> (usize, usize, Vec<f32>) {
         let top = &frame.rgb()[2 * j * stride..][..w * 6];
         let bottom = &frame.rgb()[(2 * j + 1) * stride..][..w * 6];
         for ((o, t), b) in row.iter_mut().zip(top.chunks_exact(6)).zip(bottom.chunks_exact(6)) {
-            let sum: u16 = [t[1], t[2], t[4], t[5], b[1], b[2], b[4], b[5]].iter().map(|x| u16::from(*x)).sum();
+            let sum: u16 =
+                [t[1], t[2], t[4], t[5], b[1], b[2], b[4], b[5]].iter().map(|x| u16::from(*x)).sum();
             *o = f32::from(sum) / 8.0;
         }
     }

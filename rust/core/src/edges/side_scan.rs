@@ -4,27 +4,9 @@
 
 use super::brightness;
 use crate::calibration::Calibration;
-use crate::face::raster::{OnPlane, PlaneRaster};
+use crate::face::outline::Across;
+use crate::face::raster::PlaneRaster;
 use crate::image::Frame;
-
-/// Which raster coordinate the scan moves along; the side runs along the other one.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Across {
-    /// Sides that stripes 1 and 2 cross: offset along a.
-    A,
-    /// Sides that stripes 3 and 4 cross: offset along b.
-    B,
-}
-
-impl Across {
-    /// A raster position from the offset across the side and the position along it, mm.
-    pub fn at(self, offset: f64, along: f64) -> OnPlane {
-        match self {
-            Self::A => OnPlane::new(offset, along),
-            Self::B => OnPlane::new(along, offset),
-        }
-    }
-}
 
 /// Segments of a side.
 pub(crate) const SEGMENTS: usize = 16;
@@ -36,6 +18,19 @@ const REACH: usize = 2;
 const FULL_SIGMAS: f32 = 5.0;
 /// Exact projections every so many scan steps, straight lines between: distortion bends by less than 0.05 px there.
 const NODE: usize = 32;
+
+/// What is scanned.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ScanRange {
+    pub across: Across,
+    /// First and last offset, mm.
+    pub from_mm: f64,
+    pub to_mm: f64,
+    /// Where the side begins and ends along its direction, mm.
+    pub span_mm: (f64, f64),
+    /// Distance of two offsets, mm; about a pixel.
+    pub step_mm: f64,
+}
 
 /// Edge evidence of all segments over the offsets.
 pub(crate) struct SideScan {
@@ -58,17 +53,9 @@ pub(crate) struct EdgeCandidate {
 }
 
 impl SideScan {
-    /// Scans offsets `from_mm..to_mm` for a side that spans `span_mm` along its direction.
-    pub fn new(
-        frame: &Frame,
-        calibration: &Calibration,
-        raster: &PlaneRaster,
-        across: Across,
-        from_mm: f64,
-        to_mm: f64,
-        span_mm: (f64, f64),
-        step_mm: f64,
-    ) -> Self {
+    /// Gathers the evidence of all segments.
+    pub fn new(frame: &Frame, calibration: &Calibration, raster: &PlaneRaster, range: &ScanRange) -> Self {
+        let ScanRange { across, from_mm, to_mm, span_mm, step_mm } = *range;
         let steps = (((to_mm - from_mm) / step_mm).ceil().max(0.0) as usize + 1).min(6000);
         let mut strength = vec![0f32; SEGMENTS * steps];
         let mut sum = vec![0f32; steps];
@@ -81,11 +68,11 @@ impl SideScan {
             for sample in 0..SAMPLES {
                 let t = (segment as f64 + (sample as f64 + 0.5) / SAMPLES as f64) / SEGMENTS as f64;
                 let along = span_mm.0 + (span_mm.1 - span_mm.0) * t;
-                let mut here = raster.to_px(calibration, across.at(from_mm, along));
+                let mut here = raster.pixel(calibration, across.at(from_mm, along));
                 for node in (0..steps).step_by(NODE) {
                     let last = (node + NODE).min(steps);
                     let there =
-                        raster.to_px(calibration, across.at(from_mm + (node + NODE) as f64 * step_mm, along));
+                        raster.pixel(calibration, across.at(from_mm + (node + NODE) as f64 * step_mm, along));
                     if let (Some(p), Some(q)) = (here, there) {
                         let (du, dv) = ((q.u - p.u) / NODE as f64, (q.v - p.v) / NODE as f64);
                         for k in node..last {
@@ -143,13 +130,18 @@ impl SideScan {
     }
 
     /// The strongest edges, at least `apart_mm` from each other, strongest first.
-    pub fn candidates(&self, max_drift_mm: f64, apart_mm: f64, least: f32, keep: usize) -> Vec<EdgeCandidate> {
+    pub fn candidates(
+        &self,
+        max_drift_mm: f64,
+        apart_mm: f64,
+        least: f32,
+        keep: usize,
+    ) -> Vec<EdgeCandidate> {
         let max_drift = (max_drift_mm / self.step_mm).round().clamp(0.0, 40.0) as i64;
         let mut all = Vec::new();
         for k in 0..self.steps {
-            let best = (-max_drift..=max_drift)
-                .map(|d| self.strength_at(k as f64, d as f64))
-                .fold(0.0, f32::max);
+            let best =
+                (-max_drift..=max_drift).map(|d| self.strength_at(k as f64, d as f64)).fold(0.0, f32::max);
             if best >= least {
                 let offset_mm = self.start_mm + k as f64 * self.step_mm;
                 all.push(EdgeCandidate { offset_mm, strength: best });

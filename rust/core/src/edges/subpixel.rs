@@ -2,8 +2,8 @@
 
 use super::{EdgeDetector, EdgePoint, brightness};
 use crate::calibration::Calibration;
+use crate::face::outline::{RoughRectangle, SIDES};
 use crate::image::Frame;
-use crate::rectangle::hypothesize::{RoughRectangle, SIDES};
 use crate::units::Px;
 
 /// Gradient search along the normals of the predicted sides.
@@ -40,8 +40,8 @@ struct Profile {
 impl Profile {
     fn gradient(&self) -> [f32; N] {
         let mut g = [0f32; N];
-        for i in PER_PX..N - PER_PX {
-            g[i] = self.brightness[i + PER_PX] - self.brightness[i - PER_PX];
+        for (out, pair) in g[PER_PX..].iter_mut().zip(self.brightness.windows(2 * PER_PX + 1)) {
+            *out = pair[2 * PER_PX] - pair[0];
         }
         g
     }
@@ -78,7 +78,7 @@ fn profiles(
     let (from, to) = rough.span_mm(side);
     let offset = rough.offsets_mm[side];
     let margin = CORNER_SHARE * (to - from);
-    let pixel = |along: f64| rough.raster.to_px(calibration, across.at(offset, along));
+    let pixel = |along: f64| rough.raster.pixel(calibration, across.at(offset, along));
     let (Some(first), Some(last)) = (pixel(from + margin), pixel(to - margin)) else { return Vec::new() };
     let groups = (first.distance_px(last) / (SPACING_PX * GROUP as f64)).floor() as usize;
     let mut result = Vec::with_capacity(groups);
@@ -132,7 +132,8 @@ fn points_on_line(profiles: &[Profile]) -> Vec<EdgePoint> {
     }
     let gradients: Vec<[f32; N]> = profiles.iter().map(Profile::gradient).collect();
     // Noise of a gradient sample: the median over all profiles; edges are few.
-    let mut all: Vec<f32> = gradients.iter().flat_map(|g| g[PER_PX..N - PER_PX].iter().map(|x| x.abs())).collect();
+    let mut all: Vec<f32> =
+        gradients.iter().flat_map(|g| g[PER_PX..N - PER_PX].iter().map(|x| x.abs())).collect();
     let middle = all.len() / 2;
     let noise = (*all.select_nth_unstable_by(middle, f32::total_cmp).1 / 0.6745).max(0.3);
     let strength = |g: f32| ((g.abs() / noise - 1.0) / 5.0).clamp(0.0, 1.0);
@@ -179,7 +180,8 @@ fn points_on_line(profiles: &[Profile]) -> Vec<EdgePoint> {
         let height = match kind {
             Kind::Step => c,
             Kind::DarkLine => {
-                0.5 * (p.brightness[top.saturating_sub(6)] + p.brightness[(top + 6).min(N - 1)]) - p.brightness[top]
+                0.5 * (p.brightness[top.saturating_sub(6)] + p.brightness[(top + 6).min(N - 1)])
+                    - p.brightness[top]
             }
         };
         if height < MIN_STEP.max(MIN_STEP_SIGMAS * noise) {

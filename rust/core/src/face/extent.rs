@@ -1,6 +1,6 @@
 //! How far each stripe stays on the face's plane: its ends are the key points D1-D8, unless a neighbour is flush.
 
-use super::plane_fit::{StripeObservation, fit_plane, PlaneFit};
+use super::plane_fit::{PlaneFit, StripeObservation, fit_plane};
 use crate::calibration::Calibration;
 use crate::frames::{Cam, Plane, Ray};
 use crate::image::Frame;
@@ -33,10 +33,6 @@ pub(crate) struct FaceStripe {
     pub inner_share: f64,
     /// Share of the places between the two ends that were seen on the plane, 0 to 1.
     pub seen_share: f64,
-    /// Rows per point.
-    pub rows: usize,
-    /// Median peak over noise of the averaged profiles on the plane.
-    pub signal_to_noise: f64,
 }
 
 /// The face's plane and the four stripes on it.
@@ -72,7 +68,12 @@ const LIAR_GAIN: f64 = 0.8;
 /// black tape swallow a stripe for a while; it must come back for as many places as half the gap.
 const ABSENT: f64 = -0.5;
 /// The crossing of lasers `i` and `j` on a plane.
-pub(crate) fn crossing_px(calibration: &Calibration, plane: &Plane<Cam>, i: LaserId, j: LaserId) -> Option<Px> {
+pub(crate) fn crossing_px(
+    calibration: &Calibration,
+    plane: &Plane<Cam>,
+    i: LaserId,
+    j: LaserId,
+) -> Option<Px> {
     let x = (plane.per_mm - calibration.laser(i).per_mm).cross(&(plane.per_mm - calibration.laser(j).per_mm));
     if x.z.abs() < 1e-15 {
         return None;
@@ -88,10 +89,19 @@ pub(crate) fn crossing_lasers(id: LaserId) -> [LaserId; 2] {
 }
 
 /// Refines the plane of a hypothesis and follows its stripes to their ends. `None` if the stripes do not hold it.
-pub(crate) fn follow_stripes(frame: &Frame, calibration: &Calibration, start: &Plane<Cam>) -> Option<FaceStripes> {
+pub(crate) fn follow_stripes(
+    frame: &Frame,
+    calibration: &Calibration,
+    start: &Plane<Cam>,
+) -> Option<FaceStripes> {
     let mut plane = *start;
-    let mut settings =
-        TraceSettings { rows: 16, search_px: 10.0, min_signal_to_noise: 3.0, half_width_px: FIRST_HALF_WIDTH_PX, estimator: Estimator::CentreOfGravity };
+    let mut settings = TraceSettings {
+        rows: 16,
+        search_px: 10.0,
+        min_signal_to_noise: 3.0,
+        half_width_px: FIRST_HALF_WIDTH_PX,
+        estimator: Estimator::CentreOfGravity,
+    };
     let mut rows = [16; 4];
     let mut usual = 0.0;
     // First the inner segments alone: whatever lies around the face cannot mislead them.
@@ -131,7 +141,11 @@ pub(crate) fn follow_stripes(frame: &Frame, calibration: &Calibration, start: &P
         }
         let fit = fit_plane(calibration, &observations, &plane)?;
         plane = fit.plane;
-        result = Some(FaceStripes { fit, stripes: stripes.try_into().ok()?, half_width_px: settings.half_width_px });
+        result = Some(FaceStripes {
+            fit,
+            stripes: stripes.try_into().ok()?,
+            half_width_px: settings.half_width_px,
+        });
     }
     result
 }
@@ -147,7 +161,8 @@ fn fit_without_a_liar(
     let mut best = (all.scale * LIAR_GAIN, all.plane);
     if all.scale > SUSPICIOUS_SCALE {
         for id in LaserId::ALL {
-            let others: Vec<StripeObservation> = observations.iter().filter(|o| o.laser != id).copied().collect();
+            let others: Vec<StripeObservation> =
+                observations.iter().filter(|o| o.laser != id).copied().collect();
             if let Some(fit) = fit_plane(calibration, &others, start)
                 && fit.scale < best.0
             {
@@ -170,7 +185,11 @@ fn usual_amplitude(traces: &[Vec<StripePoint>]) -> Option<f64> {
 
 fn collect(laser: LaserId, points: &[StripePoint], usual: f64, observations: &mut Vec<StripeObservation>) {
     observations.extend(
-        points.iter().filter_map(|p| p.found).filter(|f| f.amplitude < MOST_SHARE * usual).map(|f| StripeObservation { laser, at: f.at, sigma_px: f.sigma_px }),
+        points
+            .iter()
+            .filter_map(|p| p.found)
+            .filter(|f| f.amplitude < MOST_SHARE * usual)
+            .map(|f| StripeObservation { laser, at: f.at, sigma_px: f.sigma_px }),
     );
 }
 
@@ -195,10 +214,8 @@ fn inner_segment(
 
 /// Rows per profile so that the median place reaches the wanted signal to noise.
 fn rows_for(points: &[StripePoint], rows: usize) -> usize {
-    let mut snr: Vec<f64> = points
-        .iter()
-        .map(|p| p.found.map_or(1.0, |f| f.amplitude / p.noise.max(1e-3)))
-        .collect();
+    let mut snr: Vec<f64> =
+        points.iter().map(|p| p.found.map_or(1.0, |f| f.amplitude / p.noise.max(1e-3))).collect();
     if snr.is_empty() {
         return rows;
     }
@@ -238,7 +255,9 @@ fn follow(
     // The log-likelihood of "on the plane" against "anywhere", scaled to +-1.
     let score = |p: &StripePoint| match p.found {
         Some(f) if f.amplitude < LEAST_SHARE * usual || f.amplitude > MOST_SHARE * usual => ABSENT,
-        Some(f) => (1.0 - (f.residual_px / (ON_PLANE_SIGMAS * f.sigma_px.hypot(TEXTURE_PX))).powi(2)).max(-1.0),
+        Some(f) => {
+            (1.0 - (f.residual_px / (ON_PLANE_SIGMAS * f.sigma_px.hypot(TEXTURE_PX))).powi(2)).max(-1.0)
+        }
         None => ABSENT,
     };
     let lo = points.partition_point(|p| p.along_px < inner.start);
@@ -284,22 +303,6 @@ fn follow(
         let px = line.px_at(calibration, at, guess).map_or(points[inside].predicted, |(px, _)| px);
         StripeEnd { at: px, uncertainty_px: spacing, at_border }
     };
-    let ends = [
-        place(begin, begin.checked_sub(1)),
-        place(end - 1, (end < points.len()).then_some(end)),
-    ];
-    let mut snr: Vec<f64> =
-        points[begin..end].iter().map(|p| p.found.map_or(0.0, |f| f.amplitude / p.noise.max(1e-3))).collect();
-    let middle = snr.len() / 2;
-    let signal_to_noise = *snr.select_nth_unstable_by(middle, f64::total_cmp).1;
-    Some(FaceStripe {
-        laser: id,
-        ends,
-        points,
-        on_plane: begin..end,
-        inner_share,
-        seen_share,
-        rows: settings.rows,
-        signal_to_noise,
-    })
+    let ends = [place(begin, begin.checked_sub(1)), place(end - 1, (end < points.len()).then_some(end))];
+    Some(FaceStripe { laser: id, ends, points, on_plane: begin..end, inner_share, seen_share })
 }

@@ -1,5 +1,7 @@
-//! The plane of a face from its stripes ([`plane_fit`]), and how far each stripe stays on it ([`extent`]).
+//! The plane of a face from its stripes ([`plane_fit`]), how far each stripe stays on it ([`extent`]), coordinates on it
+//! ([`raster`]) and its four sides ([`outline`]).
 
 pub(crate) mod extent;
+pub(crate) mod outline;
 pub(crate) mod plane_fit;
 pub(crate) mod raster;

@@ -30,15 +30,11 @@ impl PlaneRaster {
     /// The same raster turned by `angle_rad` about its origin.
     pub fn turned(&self, angle_rad: f64) -> Self {
         let (s, c) = angle_rad.sin_cos();
-        Self {
-            axis_a: self.axis_a * c + self.axis_b * s,
-            axis_b: self.axis_b * c - self.axis_a * s,
-            ..*self
-        }
+        Self { axis_a: self.axis_a * c + self.axis_b * s, axis_b: self.axis_b * c - self.axis_a * s, ..*self }
     }
 
     /// Where a pixel sees the plane.
-    pub fn from_px(&self, calibration: &Calibration, px: Px) -> Option<OnPlane> {
+    pub fn on_plane(&self, calibration: &Calibration, px: Px) -> Option<OnPlane> {
         Some(self.of_cam(&self.plane.intersect(&calibration.camera().ray_from_px(px))?))
     }
 
@@ -49,20 +45,20 @@ impl PlaneRaster {
     }
 
     /// The point in the camera frame.
-    pub fn to_cam(&self, at: OnPlane) -> Point<Cam> {
+    pub fn cam_point(&self, at: OnPlane) -> Point<Cam> {
         Point::from_vector(self.origin + self.axis_a * at.x + self.axis_b * at.y)
     }
 
     /// The pixel of a point of the plane.
-    pub fn to_px(&self, calibration: &Calibration, at: OnPlane) -> Option<Px> {
-        calibration.camera().px_from_point(&self.to_cam(at))
+    pub fn pixel(&self, calibration: &Calibration, at: OnPlane) -> Option<Px> {
+        calibration.camera().px_from_point(&self.cam_point(at))
     }
 
     /// Size of a pixel on the plane around `at`, mm (geometric mean of both directions).
     pub fn mm_per_px(&self, calibration: &Calibration, at: OnPlane) -> Option<f64> {
-        let p = self.to_px(calibration, at)?;
-        let q = self.to_px(calibration, at + OnPlane::new(1.0, 0.0))?;
-        let r = self.to_px(calibration, at + OnPlane::new(0.0, 1.0))?;
+        let p = self.pixel(calibration, at)?;
+        let q = self.pixel(calibration, at + OnPlane::new(1.0, 0.0))?;
+        let r = self.pixel(calibration, at + OnPlane::new(0.0, 1.0))?;
         let area = ((q.u - p.u) * (r.v - p.v) - (q.v - p.v) * (r.u - p.u)).abs();
         (area > 1e-9).then(|| 1.0 / area.sqrt())
     }

@@ -40,7 +40,10 @@ impl Frame {
             .jpeg_set_out_colorspace(ColorSpace::RGB);
         let mut decoder = zune_jpeg::JpegDecoder::new_with_options(ZCursor::new(bytes), options);
         let broken = |e: zune_jpeg::errors::DecodeErrors| {
-            Error::new(ErrorKind::InvalidFrame, format!("the frame is not a whole JPEG ({} bytes): {e:?}", bytes.len()))
+            Error::new(
+                ErrorKind::InvalidFrame,
+                format!("the frame is not a whole JPEG ({} bytes): {e:?}", bytes.len()),
+            )
         };
         decoder.decode_headers().map_err(broken)?;
         let (width_px, height_px) = decoder

@@ -61,8 +61,14 @@ pub(crate) fn half_redness(frame: &Frame) -> (usize, usize, Vec<i16>) {
         let bottom = &frame.rgb()[(2 * j + 1) * stride..][..w * 6];
         for ((o, t), b) in row.iter_mut().zip(top.chunks_exact(6)).zip(bottom.chunks_exact(6)) {
             let red = i16::from(t[0]) + i16::from(t[3]) + i16::from(b[0]) + i16::from(b[3]);
-            let rest = i16::from(t[1]) + i16::from(t[2]) + i16::from(t[4]) + i16::from(t[5])
-                + i16::from(b[1]) + i16::from(b[2]) + i16::from(b[4]) + i16::from(b[5]);
+            let rest = i16::from(t[1])
+                + i16::from(t[2])
+                + i16::from(t[4])
+                + i16::from(t[5])
+                + i16::from(b[1])
+                + i16::from(b[2])
+                + i16::from(b[4])
+                + i16::from(b[5]);
             *o = 2 * red - rest;
         }
     }
@@ -110,7 +116,9 @@ pub(crate) fn ridge_map(width: usize, height: usize, redness: &[i16], diagonal: 
             let columns = BLOCK.min(width - block_left);
             sample.clear();
             for r in (0..rows).step_by(2) {
-                sample.extend(slope[r * width + block_left..][..columns].iter().step_by(2).map(|x| x.unsigned_abs()));
+                sample.extend(
+                    slope[r * width + block_left..][..columns].iter().step_by(2).map(|x| x.unsigned_abs()),
+                );
             }
             let middle = sample.len() / 2;
             let median = if sample.is_empty() { 0 } else { *sample.select_nth_unstable(middle).1 };

@@ -2,49 +2,13 @@
 //! where a stripe leaves the plane and from straight image edges where a flush neighbour carries the stripe on.
 
 use crate::calibration::Calibration;
-use crate::edges::side_scan::{Across, EdgeCandidate, SideScan};
+use crate::edges::side_scan::{EdgeCandidate, ScanRange, SideScan};
 use crate::face::extent::{FaceStripes, crossing_lasers, crossing_px};
+use crate::face::outline::{Across, RoughRectangle, SIDES, span_mm};
 use crate::face::raster::{OnPlane, PlaneRaster};
 use crate::image::Frame;
 use crate::reject::Reject;
 use crate::units::{LaserId, Px};
-
-/// A rectangle to within some pixels: sides parallel to the raster's axes.
-#[derive(Clone, Debug)]
-pub(crate) struct RoughRectangle {
-    pub raster: PlaneRaster,
-    /// Offsets of the sides in the order [`SIDES`], mm.
-    pub offsets_mm: [f64; 4],
-    /// Share of each side on which an image edge was seen, 0 to 1.
-    pub support: [f32; 4],
-    /// Whether the ends of both stripes lie on the side (not so beside a flush neighbour).
-    pub at_ends: [bool; 4],
-    /// Size of a pixel on the face, mm.
-    pub mm_per_px: f64,
-}
-
-impl RoughRectangle {
-    /// Where a side begins and ends along its direction, mm.
-    pub fn span_mm(&self, side: usize) -> (f64, f64) {
-        match SIDES[side].0 {
-            Across::A => (self.offsets_mm[2], self.offsets_mm[3]),
-            Across::B => (self.offsets_mm[0], self.offsets_mm[1]),
-        }
-    }
-}
-
-/// The four sides: low and high a, low and high b.
-pub(crate) const SIDES: [(Across, bool); 4] =
-    [(Across::A, false), (Across::A, true), (Across::B, false), (Across::B, true)];
-
-/// The two stripes that cross a side.
-pub(crate) fn stripes_across(across: Across) -> [LaserId; 2] {
-    let [l1, l2, l3, l4] = LaserId::ALL;
-    match across {
-        Across::A => [l1, l2],
-        Across::B => [l3, l4],
-    }
-}
 
 /// Two ends that belong to one side differ by no more than this, px, beyond the length of a profile block.
 const END_TOLERANCE_PX: f64 = 12.0;
@@ -114,36 +78,26 @@ struct Scale {
     half_width_mm: f64,
 }
 
-fn component(across: Across, at: OnPlane) -> f64 {
-    match across {
-        Across::A => at.x,
-        Across::B => at.y,
-    }
-}
-
-fn other_component(across: Across, at: OnPlane) -> f64 {
-    match across {
-        Across::A => at.y,
-        Across::B => at.x,
-    }
-}
-
 /// The two stripe ends of each side.
-fn ends_by_side(calibration: &Calibration, face: &FaceStripes, raster: &PlaneRaster) -> Option<[[End; 2]; 4]> {
+fn ends_by_side(
+    calibration: &Calibration,
+    face: &FaceStripes,
+    raster: &PlaneRaster,
+) -> Option<[[End; 2]; 4]> {
     let mut result = Vec::with_capacity(4);
     for (across, high) in SIDES {
         let mut pair = Vec::with_capacity(2);
-        for id in stripes_across(across) {
+        for id in across.stripes() {
             let mut ends = Vec::with_capacity(2);
             for end in &face.stripes[id.index()].ends {
                 ends.push(End {
-                    at: raster.from_px(calibration, end.at)?,
+                    at: raster.on_plane(calibration, end.at)?,
                     px: end.at,
                     at_border: end.at_border,
                     uncertainty_px: end.uncertainty_px,
                 });
             }
-            ends.sort_by(|x, y| component(across, x.at).total_cmp(&component(across, y.at)));
+            ends.sort_by(|x, y| across.offset(x.at).total_cmp(&across.offset(y.at)));
             pair.push(ends[usize::from(high)]);
         }
         result.push([pair[0], pair[1]]);
@@ -166,7 +120,7 @@ fn mismatch(across: Across, pair: &[End; 2], angle: f64, mm_per_px: f64) -> f64 
 fn direction(ends: &[[End; 2]; 4], mm_per_px: f64) -> Option<f64> {
     let angle_of = |across: Across, pair: &[End; 2]| {
         let d = pair[1].at - pair[0].at;
-        let (along, off) = (other_component(across, d), component(across, d));
+        let (along, off) = (across.along(d), across.offset(d));
         let angle = match across {
             Across::A => -(off / along).atan(),
             Across::B => (off / along).atan(),
@@ -180,9 +134,14 @@ fn direction(ends: &[[End; 2]; 4], mm_per_px: f64) -> Option<f64> {
         .filter_map(|((across, _), pair)| Some((*across, pair, angle_of(*across, pair)?)))
         .collect();
     let score = |angle: f64| -> f64 {
-        seen.iter().map(|(across, pair, _)| (1.0 - mismatch(*across, pair, angle, mm_per_px).powi(2)).max(0.0)).sum()
+        seen.iter()
+            .map(|(across, pair, _)| (1.0 - mismatch(*across, pair, angle, mm_per_px).powi(2)).max(0.0))
+            .sum()
     };
-    let (best, _, _) = seen.iter().map(|(_, _, (angle, _))| (*angle, score(*angle), ())).max_by(|x, y| x.1.total_cmp(&y.1))?;
+    let (best, _, _) = seen
+        .iter()
+        .map(|(_, _, (angle, _))| (*angle, score(*angle), ()))
+        .max_by(|x, y| x.1.total_cmp(&y.1))?;
     // The mean over the sides that agree, the longer lever counting more.
     let (mut sum, mut weights) = (0.0, 0.0);
     for (across, pair, (angle, weight)) in &seen {
@@ -214,23 +173,28 @@ fn side_candidates(
     let px = scale.mm_per_px;
     // Outside the outermost crossing, clear of the stripe that runs parallel to the side.
     let mut inner = f64::NEG_INFINITY;
-    for id in stripes_across(across) {
+    for id in across.stripes() {
         for other in crossing_lasers(id) {
-            let at = raster.from_px(calibration, crossing_px(calibration, &face.fit.plane, id, other)?)?;
-            inner = inner.max(sign * component(across, at));
+            let at = raster.on_plane(calibration, crossing_px(calibration, &face.fit.plane, id, other)?)?;
+            inner = inner.max(sign * across.offset(at));
         }
     }
     let inner = inner + scale.half_width_mm + 6.0 * px;
-    let offsets = pair.map(|e| sign * component(across, e.at));
+    let offsets = pair.map(|e| sign * across.offset(e.at));
     let outer = offsets[0].max(offsets[1]) + 25.0 * px;
     if outer <= inner {
         return Some(Vec::new());
     }
-    let along = pair.map(|e| other_component(across, e.at));
+    let along = pair.map(|e| across.along(e.at));
     let span = (along[0].min(along[1]), along[0].max(along[1]));
     let (from, to) = if high { (inner, outer) } else { (-outer, -inner) };
     let step = 0.8 * px;
-    let scan = SideScan::new(frame, calibration, raster, across, from, to, span, step);
+    let scan = SideScan::new(
+        frame,
+        calibration,
+        raster,
+        &ScanRange { across, from_mm: from, to_mm: to, span_mm: span, step_mm: step },
+    );
     let edges = scan.candidates(DRIFT_PX * px, APART_PX * px, 0.3, 24);
     let tolerance = (END_TOLERANCE_PX + pair[0].uncertainty_px + pair[1].uncertainty_px) * px;
     let consistent = pair.iter().all(|e| !e.at_border) && (offsets[0] - offsets[1]).abs() <= tolerance;
@@ -285,27 +249,26 @@ fn choose(
         let chosen = [0, 1, 2, 3].map(|s| sides[s][combination[s]]);
         let offsets_mm = chosen.map(|s| s.offset_mm);
         let corners = [(0, 2), (1, 2), (1, 3), (0, 3)]
-            .map(|(a, b)| raster.to_px(calibration, OnPlane::new(offsets_mm[a], offsets_mm[b])));
+            .map(|(a, b)| raster.pixel(calibration, OnPlane::new(offsets_mm[a], offsets_mm[b])));
         if !corners.iter().all(|c| c.is_some_and(inside)) {
             continue;
         }
         let mut support = [0f32; 4];
         for (s, (across, _)) in SIDES.iter().enumerate() {
-            let span = match across {
-                Across::A => (offsets_mm[2], offsets_mm[3]),
-                Across::B => (offsets_mm[0], offsets_mm[1]),
-            };
+            let span = span_mm(&offsets_mm, s);
             let margin = 0.03 * (span.1 - span.0);
             let window = 40.0 * mm_per_px;
             let scan = SideScan::new(
                 frame,
                 calibration,
                 raster,
-                *across,
-                offsets_mm[s] - window,
-                offsets_mm[s] + window,
-                (span.0 + margin, span.1 - margin),
-                0.8 * mm_per_px,
+                &ScanRange {
+                    across: *across,
+                    from_mm: offsets_mm[s] - window,
+                    to_mm: offsets_mm[s] + window,
+                    span_mm: (span.0 + margin, span.1 - margin),
+                    step_mm: 0.8 * mm_per_px,
+                },
             );
             support[s] = scan
                 .candidates(DRIFT_PX * mm_per_px, APART_PX * mm_per_px, 0.1, 8)
@@ -316,16 +279,13 @@ fn choose(
         }
         let needed = chosen.map(|s| if s.at_end { SUPPORT_AT_ENDS } else { SUPPORT_ALONE });
         let enough = support.iter().zip(needed).all(|(s, n)| *s >= n);
-        let score: f64 = support.iter().zip(&chosen).map(|(s, c)| f64::from(*s) + if c.at_end { 0.25 } else { 0.0 }).sum();
+        let score: f64 =
+            support.iter().zip(&chosen).map(|(s, c)| f64::from(*s) + if c.at_end { 0.25 } else { 0.0 }).sum();
         if enough && best.as_ref().is_none_or(|(b, _)| score > *b) {
-            let rough = RoughRectangle {
-                raster: *raster,
-                offsets_mm,
-                support,
-                at_ends: chosen.map(|s| s.at_end),
-                mm_per_px,
-            };
-            let certain = combination == [0; 4] && rough.at_ends == [true; 4] && support.iter().all(|s| *s > 0.6);
+            let rough =
+                RoughRectangle { raster: *raster, offsets_mm, at_ends: chosen.map(|s| s.at_end), mm_per_px };
+            let certain =
+                combination == [0; 4] && rough.at_ends == [true; 4] && support.iter().all(|s| *s > 0.6);
             best = Some((score, rough));
             if certain {
                 break;

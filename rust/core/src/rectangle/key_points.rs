@@ -1,12 +1,11 @@
 //! The paper's way (eqs. 5-11): the eight crossings D1-D8 of stripes and edges, each triangulated on its laser plane, four
 //! edges through pairs of them, corners where edges meet, sides between corners.
 
-use super::hypothesize::{SIDES, stripes_across};
 use super::refine::FittedRectangle;
 use crate::calibration::Calibration;
 use crate::edges::EdgePoint;
-use crate::edges::side_scan::Across;
 use crate::face::extent::FaceStripes;
+use crate::face::outline::{Across, SIDES};
 use crate::face::raster::PlaneRaster;
 use crate::frames::{Cam, Point, Ray};
 use crate::units::{LaserId, Px};
@@ -32,8 +31,8 @@ pub(crate) fn crossing_on(
     id: LaserId,
 ) -> Option<f64> {
     let p = calibration.laser(id).per_mm;
-    let start = raster.to_cam(across.at(offset, 0.0)).mm;
-    let direction = raster.to_cam(across.at(offset, 1.0)).mm - start;
+    let start = raster.cam_point(across.at(offset, 0.0)).mm;
+    let direction = raster.cam_point(across.at(offset, 1.0)).mm - start;
     let slope = p.dot(&direction);
     (slope.abs() > 1e-12).then(|| (1.0 - p.dot(&start)) / slope)
 }
@@ -52,10 +51,10 @@ pub(crate) fn along_side_mm(
 pub(crate) fn on_sides(calibration: &Calibration, fit: &FittedRectangle) -> Option<[[Px; 2]; 4]> {
     let mut result = [[Px::new(0.0, 0.0); 2]; 4];
     for (side, (across, high)) in SIDES.iter().enumerate() {
-        for id in stripes_across(*across) {
+        for id in across.stripes() {
             let along = along_side_mm(calibration, fit, id, side)?;
             result[id.index()][usize::from(*high)] =
-                fit.raster.to_px(calibration, across.at(fit.offsets_mm[side], along))?;
+                fit.raster.pixel(calibration, across.at(fit.offsets_mm[side], along))?;
         }
     }
     Some(result)
@@ -95,7 +94,7 @@ pub(crate) fn measure(
     let sides_of = |shift: &dyn Fn(usize, usize) -> Vector3<f64>| -> Option<[f64; 2]> {
         let mut lines = Vec::with_capacity(4);
         for (side, (across, _)) in SIDES.iter().enumerate() {
-            let [i, j] = stripes_across(*across);
+            let [i, j] = across.stripes();
             let p = key_point(side, i)? + shift(side, 0);
             let q = key_point(side, j)? + shift(side, 1);
             lines.push((p, (q - p).try_normalize(1e-9)?));
@@ -110,14 +109,12 @@ pub(crate) fn measure(
     let sides_mm = sides_of(&none)?;
     // Every key point moved along the viewing ray's perpendicular by its sigma, one at a time.
     let mut variances_mm2 = [0.0; 2];
-    for side in 0..4 {
+    for (side, (across, _)) in SIDES.iter().enumerate() {
         for end in 0..2 {
-            let id = stripes_across(SIDES[side].0)[end];
+            let id = across.stripes()[end];
             let at = key_point(side, id)?;
-            let along_stripe = match SIDES[side].0 {
-                Across::A => fit.raster.to_cam(nalgebra::Vector2::new(1.0, 0.0)).mm,
-                Across::B => fit.raster.to_cam(nalgebra::Vector2::new(0.0, 1.0)).mm,
-            } - fit.raster.to_cam(nalgebra::Vector2::zeros()).mm;
+            let along_stripe = fit.raster.cam_point(across.at(1.0, 0.0)).mm
+                - fit.raster.cam_point(nalgebra::Vector2::zeros()).mm;
             let sigma_mm = KEY_POINT_SIGMA_PX * at.z / calibration.camera().fx;
             let moved = sides_of(&|s, e| {
                 if s == side && e == end { along_stripe * sigma_mm } else { Vector3::zeros() }

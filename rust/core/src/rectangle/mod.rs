@@ -7,15 +7,14 @@ pub(crate) mod refine;
 
 use crate::calibration::Calibration;
 use crate::edges::EdgePoint;
-use crate::edges::side_scan::Across;
 use crate::face::extent::{FaceStripes, crossing_px};
+use crate::face::outline::{RoughRectangle, SIDES, span_mm};
 use crate::face::plane_fit::StripeObservation;
 use crate::face::raster::OnPlane;
 use crate::image::Frame;
 use crate::measurement::{FaceMeasurement, Method};
 use crate::reject::Reject;
 use crate::units::{Estimate, LaserId, Px};
-use hypothesize::{RoughRectangle, SIDES, stripes_across};
 use nalgebra::SVector;
 use refine::{Anchor, FittedRectangle, ITERATIONS, refine, start_from};
 
@@ -99,7 +98,7 @@ fn face_observations(
     let mut result = Vec::new();
     for stripe in &face.stripes {
         for found in stripe.points[stripe.on_plane.clone()].iter().filter_map(|p| p.found) {
-            let inside = rough.raster.from_px(calibration, found.at).is_some_and(|p| {
+            let inside = rough.raster.on_plane(calibration, found.at).is_some_and(|p| {
                 p.x > a0 + margin && p.x < a1 - margin && p.y > b0 + margin && p.y < b1 - margin
             });
             if inside {
@@ -116,7 +115,7 @@ fn face_observations(
 
 /// Every stripe must cross its two sides between their corners, and every corner must be in the image.
 fn check_crossings(frame: &Frame, calibration: &Calibration, fit: &FittedRectangle) -> Result<(), Reject> {
-    let corners = corner_points(&fit.offsets_mm).map(|c| fit.raster.to_px(calibration, c));
+    let corners = corner_points(&fit.offsets_mm).map(|c| fit.raster.pixel(calibration, c));
     let (right, bottom) = (frame.width_px() as f64 - 0.5, frame.height_px() as f64 - 0.5);
     let outside = |p: &Option<Px>| p.is_none_or(|p| p.u < -0.5 || p.v < -0.5 || p.u > right || p.v > bottom);
     if let Some(first) = corners.iter().find(|c| outside(c)) {
@@ -129,10 +128,7 @@ fn check_crossings(frame: &Frame, calibration: &Calibration, fit: &FittedRectang
         let crosses = [0, 1].into_iter().all(|end| {
             let side = if id.number() <= 2 { end } else { 2 + end };
             key_points::along_side_mm(calibration, fit, id, side).is_some_and(|along| {
-                let (low, high) = match SIDES[side].0 {
-                    Across::A => (fit.offsets_mm[2], fit.offsets_mm[3]),
-                    Across::B => (fit.offsets_mm[0], fit.offsets_mm[1]),
-                };
+                let (low, high) = span_mm(&fit.offsets_mm, side);
                 along > low && along < high
             })
         });
@@ -172,17 +168,22 @@ fn assemble(
         corners = [round[0], round[3], round[2], round[1]];
         sides = [0, 3, 1, 2];
     }
-    let px = |c: OnPlane| fit.raster.to_px(calibration, c);
+    let px = |c: OnPlane| fit.raster.pixel(calibration, c);
     let corners_px = [px(corners[0])?, px(corners[1])?, px(corners[2])?, px(corners[3])?];
     let used = |side: usize| -> Vec<Px> {
-        edges[side].iter().zip(&fit.edge_inliers[side]).filter(|(_, used)| **used).map(|(e, _)| e.at).collect()
+        edges[side]
+            .iter()
+            .zip(&fit.edge_inliers[side])
+            .filter(|(_, used)| **used)
+            .map(|(e, _)| e.at)
+            .collect()
     };
     Some(FaceMeasurement {
         length,
         width,
         plane: fit.raster.plane,
         corners_px,
-        corners: corners.map(|c| fit.raster.to_cam(c)),
+        corners: corners.map(|c| fit.raster.cam_point(c)),
         key_points_px,
         rms_px: fit.rms_px,
         stripe_points_px: LaserId::ALL
@@ -192,19 +193,20 @@ fn assemble(
 }
 
 /// The places on the sides where the stripes cross, with the radius in which their light disturbs edges, px.
-pub(crate) fn keep_out(calibration: &Calibration, face: &FaceStripes, rough: &RoughRectangle) -> Vec<(Px, f64)> {
+pub(crate) fn keep_out(
+    calibration: &Calibration,
+    face: &FaceStripes,
+    rough: &RoughRectangle,
+) -> Vec<(Px, f64)> {
     let radius = face.half_width_px + 5.0;
     let mut places = Vec::with_capacity(8);
     for (side, (across, _)) in SIDES.iter().enumerate() {
-        for id in stripes_across(*across) {
-            if let Some(at) = key_points::crossing_on(
-                calibration,
-                &rough.raster,
-                *across,
-                rough.offsets_mm[side],
-                id,
-            )
-            .and_then(|along| rough.raster.to_px(calibration, across.at(rough.offsets_mm[side], along)))
+        for id in across.stripes() {
+            if let Some(at) =
+                key_points::crossing_on(calibration, &rough.raster, *across, rough.offsets_mm[side], id)
+                    .and_then(|along| {
+                        rough.raster.pixel(calibration, across.at(rough.offsets_mm[side], along))
+                    })
             {
                 places.push((at, radius));
             }

@@ -1,10 +1,9 @@
 //! The joint fit: a rectangle on a plane (plane 3, direction 1, four side offsets: 8 unknowns) to all stripe centres and
 //! all edge points at once, in pixels, robust, with a covariance (physics.md, "Face fit").
 
-use super::hypothesize::{RoughRectangle, SIDES};
 use crate::calibration::Calibration;
 use crate::edges::EdgePoint;
-use crate::edges::side_scan::Across;
+use crate::face::outline::{RoughRectangle, SIDES};
 use crate::face::plane_fit::{StripeObservation, stripe_residual_px};
 use crate::face::raster::PlaneRaster;
 use crate::frames::Plane;
@@ -49,8 +48,6 @@ const STRIPE_CORRELATION: f64 = 2.0;
 
 struct Problem<'a> {
     calibration: &'a Calibration,
-    stripes: &'a [StripeObservation],
-    edges: &'a [Vec<EdgePoint>; 4],
     anchor: Anchor,
 }
 
@@ -64,7 +61,10 @@ struct Row {
 impl Problem<'_> {
     fn raster(&self, params: &Params) -> Option<PlaneRaster> {
         let plane = Plane::new(Vector3::new(params[0], params[1], params[2]));
-        Some(PlaneRaster::new(self.calibration, &plane, self.anchor.at, self.anchor.towards)?.turned(params[3]))
+        Some(
+            PlaneRaster::new(self.calibration, &plane, self.anchor.at, self.anchor.towards)?
+                .turned(params[3]),
+        )
     }
 
     fn stripe_row(&self, params: &Params, o: &StripeObservation) -> Option<Row> {
@@ -77,16 +77,14 @@ impl Problem<'_> {
 
     fn edge_row(&self, params: &Params, rasters: &Rasters, side: usize, p: &EdgePoint) -> Option<Row> {
         let (across, _) = SIDES[side];
-        let offset = |raster: &PlaneRaster, px: Px| {
-            raster.from_px(self.calibration, px).map(|at| match across {
-                Across::A => at.x,
-                Across::B => at.y,
-            })
-        };
+        let offset =
+            |raster: &PlaneRaster, px: Px| raster.on_plane(self.calibration, px).map(|at| across.offset(at));
         let here = offset(&rasters.here, p.at)?;
         // Millimetres of offset per pixel across the side, from the raster itself.
-        let right = offset(&rasters.here, Px::new(p.at.u + 0.5, p.at.v))? - offset(&rasters.here, Px::new(p.at.u - 0.5, p.at.v))?;
-        let down = offset(&rasters.here, Px::new(p.at.u, p.at.v + 0.5))? - offset(&rasters.here, Px::new(p.at.u, p.at.v - 0.5))?;
+        let right = offset(&rasters.here, Px::new(p.at.u + 0.5, p.at.v))?
+            - offset(&rasters.here, Px::new(p.at.u - 0.5, p.at.v))?;
+        let down = offset(&rasters.here, Px::new(p.at.u, p.at.v + 0.5))?
+            - offset(&rasters.here, Px::new(p.at.u, p.at.v - 0.5))?;
         let mm_per_px = right.hypot(down).max(1e-9);
         let mut derivative_px = Params::zeros();
         for (i, (raster, step)) in rasters.moved.iter().enumerate() {
@@ -126,7 +124,7 @@ pub(crate) fn refine(
     start: &Params,
     iterations: usize,
 ) -> Option<FittedRectangle> {
-    let problem = Problem { calibration, stripes, edges, anchor };
+    let problem = Problem { calibration, anchor };
     let mut params = *start;
     let mut covariance = Covariance::zeros();
     let mut rms = (0.0, 0.0);
@@ -212,12 +210,16 @@ fn robust_scale(rows: &[Row]) -> f64 {
 }
 
 /// The unknowns of a rough rectangle.
-pub(crate) fn start_from(calibration: &Calibration, rough: &RoughRectangle, anchor: Anchor) -> Option<Params> {
+pub(crate) fn start_from(
+    calibration: &Calibration,
+    rough: &RoughRectangle,
+    anchor: Anchor,
+) -> Option<Params> {
     let q = rough.raster.plane.per_mm;
     let base = PlaneRaster::new(calibration, &rough.raster.plane, anchor.at, anchor.towards)?;
     // The rough raster has the same origin; its angle is that of its a axis in the base raster.
-    let origin = rough.raster.to_cam(nalgebra::Vector2::zeros());
-    let tip = rough.raster.to_cam(nalgebra::Vector2::new(1.0, 0.0));
+    let origin = rough.raster.cam_point(nalgebra::Vector2::zeros());
+    let tip = rough.raster.cam_point(nalgebra::Vector2::new(1.0, 0.0));
     let (o, t) = (base.of_cam(&origin), base.of_cam(&tip));
     let direction = t - o;
     let angle = direction.y.atan2(direction.x);

@@ -112,7 +112,8 @@ pub(crate) fn find_planes(
                 if hi > MAX_RATIO * lo {
                     continue;
                 }
-                if mean_along(map, a, [0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])], b, COARSE_PX) < COARSE_LEAST {
+                if mean_along(map, a, [0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])], b, COARSE_PX) < COARSE_LEAST
+                {
                     continue;
                 }
                 let middle = (from.ray(w_of(n)) + to.ray(w_of(m))) * 0.5;
@@ -301,7 +302,13 @@ pub(crate) fn three_stripes(
                         .into_iter()
                         .filter_map(|sign| {
                             let end = from + (to - from) * (sign * PARTIAL);
-                            Some(mean_along(crossing, px(from)?, px((from + end) * 0.5)?, px(end)?, SAMPLE_PX))
+                            Some(mean_along(
+                                crossing,
+                                px(from)?,
+                                px((from + end) * 0.5)?,
+                                px(end)?,
+                                SAMPLE_PX,
+                            ))
                         })
                         .fold(NONE, f32::max)
                 };

@@ -260,7 +260,8 @@ pub(crate) fn measure_half_width_px(
         return None;
     }
     // The profile is made even: a slope of the background drops out.
-    let even: Vec<f64> = (0..=PROFILE_PX).map(|d| (sum[PROFILE_PX - d] + sum[PROFILE_PX + d]) / (2.0 * count)).collect();
+    let even: Vec<f64> =
+        (0..=PROFILE_PX).map(|d| (sum[PROFILE_PX - d] + sum[PROFILE_PX + d]) / (2.0 * count)).collect();
     let outer = &even[PROFILE_PX - 8..];
     let level = outer.iter().sum::<f64>() / outer.len() as f64;
     let top = even[..3].iter().copied().fold(f64::NEG_INFINITY, f64::max) - level;
