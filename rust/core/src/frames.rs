@@ -134,3 +134,82 @@ impl<A, B, C> std::ops::Mul<Pose<B, C>> for Pose<A, B> {
         Pose::new(self.rotation * other.rotation, self.rotation * other.translation_mm + self.translation_mm)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Rotation3;
+    use proptest::prelude::*;
+
+    fn vectors() -> impl Strategy<Value = Vector3<f64>> {
+        [-2000.0..2000.0, -2000.0..2000.0, -2000.0..2000.0]
+            .prop_map(|[x, y, z]: [f64; 3]| Vector3::new(x, y, z))
+    }
+
+    fn poses<To: std::fmt::Debug, From: std::fmt::Debug>() -> impl Strategy<Value = Pose<To, From>> {
+        ([-3.0..3.0, -3.0..3.0, -3.0..3.0], vectors()).prop_map(|([x, y, z], t): ([f64; 3], _)| {
+            Pose::new(*Rotation3::new(Vector3::new(x, y, z)).matrix(), t)
+        })
+    }
+
+    proptest! {
+        #[test]
+        fn a_pose_and_its_inverse_lead_back(cam_from_face in poses::<Cam, Face>(), p in vectors()) {
+            let in_face = Point::<Face>::from_vector(p);
+            let back = cam_from_face.inverse().transform(&cam_from_face.transform(&in_face));
+            prop_assert!(back.distance_mm(&in_face) < 1e-9);
+            let nothing = cam_from_face * cam_from_face.inverse();
+            prop_assert!((nothing.rotation - Matrix3::identity()).norm() < 1e-12);
+            prop_assert!(nothing.translation_mm.norm() < 1e-9);
+        }
+
+        #[test]
+        fn poses_chain_as_their_names_read(
+            cam_from_face in poses::<Cam, Face>(),
+            face_from_cam in poses::<Face, Cam>(),
+            p in vectors(),
+        ) {
+            let in_cam = Point::<Cam>::from_vector(p);
+            let at_once = (cam_from_face * face_from_cam).transform(&in_cam);
+            let in_steps = cam_from_face.transform(&face_from_cam.transform(&in_cam));
+            prop_assert!(at_once.distance_mm(&in_steps) < 1e-9);
+        }
+
+        #[test]
+        fn a_pose_keeps_distances(cam_from_face in poses::<Cam, Face>(), p in vectors(), q in vectors()) {
+            let (p, q) = (Point::<Face>::from_vector(p), Point::<Face>::from_vector(q));
+            let moved = cam_from_face.transform(&p).distance_mm(&cam_from_face.transform(&q));
+            prop_assert!((moved - p.distance_mm(&q)).abs() < 1e-9);
+        }
+
+        #[test]
+        fn a_ray_meets_a_plane_on_the_plane_and_on_the_ray(
+            normal in vectors(),
+            distance_mm in 100.0..5000.0f64,
+            x in -0.6..0.6,
+            y in -0.6..0.6,
+        ) {
+            prop_assume!(normal.norm() > 1.0);
+            let plane = Plane::<Cam>::new(normal.normalize() / distance_mm);
+            let ray = Ray::new(x, y);
+            match plane.intersect(&ray) {
+                Some(point) => {
+                    prop_assert!(point.mm.z > 0.0);
+                    prop_assert!((plane.per_mm.dot(&point.mm) - 1.0).abs() < 1e-9);
+                    prop_assert!(point.mm.cross(&ray.xy1).norm() < 1e-9 * point.mm.norm());
+                }
+                None => prop_assert!(plane.inverse_depth_per_mm(&ray) <= 1e-9),
+            }
+            let (unit, distance) = plane.normal_and_distance_mm();
+            prop_assert!((unit.norm() - 1.0).abs() < 1e-12 && (distance - distance_mm).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn a_ray_that_is_parallel_or_turned_away_meets_nothing() {
+        let wall = Plane::<Cam>::new(Vector3::new(1e-3, 0.0, 0.0)); // x = 1000 mm
+        assert_eq!(wall.intersect(&Ray::new(0.0, 0.3)), None);
+        assert_eq!(wall.intersect(&Ray::new(-0.2, 0.3)), None);
+        assert_eq!(wall.intersect(&Ray::new(0.5, 0.0)), Some(Point::new(1000.0, 0.0, 2000.0)));
+    }
+}
