@@ -90,3 +90,182 @@ pub(crate) fn fit_plane(
     let rms_px = (sum / f64::max(count, 1.0)).sqrt();
     plane.per_mm.iter().all(|v| v.is_finite()).then_some(PlaneFit { plane, rms_px, scale })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::CameraModel;
+    use crate::frames::Ray;
+    use proptest::prelude::*;
+
+    fn head() -> Calibration {
+        let camera = CameraModel {
+            fx: 2458.9172,
+            fy: 2453.81,
+            skew: 0.0,
+            cx: 1239.5188,
+            cy: 1032.559,
+            k1: -0.03415937,
+            k2: 0.321070446,
+        };
+        let lasers = [
+            [0.0079291, -0.00817394, 0.00018065, -1.0],
+            [0.01078476, -0.01121147, 0.00223845, -1.0],
+            [0.01037354, 0.00959161, 0.00170705, -1.0],
+            [0.00799885, 0.00730513, -0.00038506, -1.0],
+        ];
+        Calibration::new("test", [2592, 1944], camera, lasers).expect("the paper's head")
+    }
+
+    /// Normal noise of sigma 1 from a seed (Box and Muller); a test must not depend on luck.
+    struct Noise(u64);
+
+    impl Noise {
+        fn uniform(&mut self) -> f64 {
+            self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            ((self.0 >> 11) as f64 + 0.5) / (1u64 << 53) as f64
+        }
+
+        fn normal(&mut self) -> f64 {
+            (-2.0 * self.uniform().ln()).sqrt() * (std::f64::consts::TAU * self.uniform()).cos()
+        }
+    }
+
+    /// Stripe centres on `plane`, every 8 px of 400 px to both sides of the image's middle, `sigma_px` across.
+    fn stripes(
+        calibration: &Calibration,
+        plane: &Plane<Cam>,
+        sigma_px: f64,
+        noise: &mut Noise,
+    ) -> Vec<StripeObservation> {
+        let mut observations = Vec::new();
+        for laser in LaserId::ALL {
+            let line = plane.per_mm - calibration.laser(laser).per_mm;
+            for step in -50..=50 {
+                let x = f64::from(step) * 8.0 / 2450.0;
+                let y = -(line.x * x + line.z) / line.y;
+                let px = calibration.camera().px_from_ray(&Ray::new(x, y)).expect("near the axis");
+                let (_, jacobian) = calibration.camera().ray_from_px_with_jacobian(px);
+                let across = (jacobian.transpose() * line.xy()).normalize() * (sigma_px * noise.normal());
+                let at = Px::new(px.u + across.x, px.v + across.y);
+                observations.push(StripeObservation { laser, at, sigma_px: sigma_px.max(0.01) });
+            }
+        }
+        observations
+    }
+
+    /// Planes that the head can see: 0.4 to 2.4 m away, tilted by up to 40 degrees.
+    fn planes() -> impl Strategy<Value = Plane<Cam>> {
+        (-0.6..0.6, -0.6..0.6, 400.0..2400.0)
+            .prop_map(|(x, y, depth_mm)| Plane::new(Vector3::new(x, y, 1.0) / depth_mm))
+    }
+
+    /// Differences of the depth that two planes give to points across the face, mm, worst.
+    fn depth_error_mm(plane: &Plane<Cam>, truth: &Plane<Cam>) -> f64 {
+        let depth = |p: &Plane<Cam>, x: f64, y: f64| 1.0 / p.inverse_depth_per_mm(&Ray::new(x, y));
+        [(0.0, 0.0), (0.1, 0.0), (-0.1, 0.0), (0.0, 0.1), (0.0, -0.1)]
+            .map(|(x, y)| (depth(plane, x, y) - depth(truth, x, y)).abs())
+            .into_iter()
+            .fold(0.0, f64::max)
+    }
+
+    /// Standard deviation of the depth at a ray that `count` centres of `sigma_px` allow, mm, at most: 1 px moves the depth
+    /// by z^2 / (f base), base = distance of the lasers from the camera (about 100 mm), and 4 stripes share the work.
+    fn allowed_mm(depth_mm: f64, sigma_px: f64, count: usize) -> f64 {
+        let per_px = depth_mm * depth_mm / (2450.0 * 90.0);
+        4.0 * sigma_px * per_px * (40.0 / count as f64).sqrt()
+    }
+
+    proptest! {
+        #[test]
+        fn noiseless_stripes_give_their_plane(truth in planes(), tilt in -0.05..0.05f64) {
+            let calibration = head();
+            let observations = stripes(&calibration, &truth, 0.0, &mut Noise(1));
+            let start = Plane::new(truth.per_mm + Vector3::new(tilt, -tilt, 0.02) * truth.per_mm.z);
+            let fit = fit_plane(&calibration, &observations, &start).expect("four stripes fix a plane");
+            prop_assert!((fit.plane.per_mm - truth.per_mm).norm() < 1e-9 * truth.per_mm.norm());
+            prop_assert!(fit.rms_px < 1e-6);
+        }
+
+        #[test]
+        fn noisy_stripes_give_the_plane_as_well_as_their_noise_allows(
+            truth in planes(), sigma_px in 0.05..1.0, seed in 1..1000u64
+        ) {
+            let calibration = head();
+            let observations = stripes(&calibration, &truth, sigma_px, &mut Noise(seed));
+            let fit = fit_plane(&calibration, &observations, &truth).expect("four stripes fix a plane");
+            let error = depth_error_mm(&fit.plane, &truth);
+            let depth_mm = 1.0 / truth.per_mm.z * 1.15;
+            let allowed = allowed_mm(depth_mm, sigma_px, observations.len());
+            prop_assert!(error < allowed, "{error} mm, allowed {allowed}");
+            prop_assert!((fit.rms_px / sigma_px - 1.0).abs() < 0.15, "rms {} for {sigma_px}", fit.rms_px);
+            prop_assert!((fit.scale - 1.0).abs() < 0.25, "scale {}", fit.scale);
+        }
+
+        #[test]
+        fn three_in_ten_wrong_centres_do_not_matter(truth in planes(), seed in 1..1000u64) {
+            let calibration = head();
+            let mut noise = Noise(seed);
+            let mut observations = stripes(&calibration, &truth, 0.3, &mut noise);
+            for o in &mut observations {
+                if noise.uniform() < 0.3 {
+                    // Anywhere within 60 px: print, a neighbour, the floor.
+                    o.at = Px::new(o.at.u + 120.0 * (noise.uniform() - 0.5), o.at.v + 120.0 * (noise.uniform() - 0.5));
+                }
+            }
+            let fit = fit_plane(&calibration, &observations, &truth).expect("most of four stripes fix a plane");
+            let error = depth_error_mm(&fit.plane, &truth);
+            let depth_mm = 1.0 / truth.per_mm.z * 1.15;
+            let allowed = 1.5 * allowed_mm(depth_mm, 0.3, observations.len());
+            prop_assert!(error < allowed, "{error} mm, allowed {allowed}");
+        }
+
+        #[test]
+        fn any_centres_give_a_finite_plane_or_none(
+            places in prop::collection::vec((1..=4u8, -1e4..1e4, -1e4..1e4), 0..40)
+        ) {
+            let calibration = head();
+            let observations: Vec<StripeObservation> = places
+                .into_iter()
+                .map(|(n, u, v)| StripeObservation {
+                    laser: LaserId::new(n).expect("1 to 4"),
+                    at: Px::new(u, v),
+                    sigma_px: 0.3,
+                })
+                .collect();
+            if let Some(fit) = fit_plane(&calibration, &observations, &Plane::new(Vector3::z() * 1e-3)) {
+                prop_assert!(fit.plane.per_mm.iter().all(|x| x.is_finite()));
+                prop_assert!(fit.rms_px.is_finite() && fit.scale.is_finite());
+            }
+        }
+    }
+
+    #[test]
+    fn centres_that_fix_no_plane_give_none() {
+        let calibration = head();
+        let truth = Plane::new(Vector3::new(0.1, 0.2, 1.0) / 1000.0);
+        let all = stripes(&calibration, &truth, 0.0, &mut Noise(1));
+        let fit = |o: &[StripeObservation]| fit_plane(&calibration, o, &truth);
+        assert!(fit(&[]).is_none());
+        assert!(fit(&all[..11]).is_none(), "too few");
+        assert!(fit(&vec![all[0]; 50]).is_none(), "one place");
+        let two_places: Vec<StripeObservation> = (0..50).map(|i| all[(i % 2) * 300]).collect();
+        assert!(fit(&two_places).is_none(), "two places");
+        let nan = StripeObservation { at: Px::new(f64::NAN, 1.0), ..all[0] };
+        assert!(fit(&vec![nan; 50]).is_none(), "not a number");
+    }
+
+    /// One straight stripe fixes a plane but for its turn about the stripe.
+    #[test]
+    fn one_stripe_gives_none_or_a_plane_through_it() {
+        let calibration = head();
+        let truth = Plane::new(Vector3::new(0.1, 0.2, 1.0) / 1000.0);
+        let all = stripes(&calibration, &truth, 0.0, &mut Noise(1));
+        let one: Vec<StripeObservation> =
+            all.iter().filter(|o| o.laser == LaserId::ALL[0]).copied().collect();
+        if let Some(fit) = fit_plane(&calibration, &one, &truth) {
+            assert!(fit.plane.per_mm.iter().all(|x| x.is_finite()));
+            assert!(fit.rms_px < 1e-6);
+        }
+    }
+}

@@ -123,10 +123,16 @@ fn steger(net: impl Fn(usize) -> f64, n: usize, top: usize, half_width: f64) -> 
         (d1, d2)
     };
     let (lo, hi) = (top.saturating_sub(half_width as usize), (top + half_width as usize).min(n - 1));
-    let best = (lo..=hi).min_by(|a, b| derivative(*a).1.total_cmp(&derivative(*b).1))?;
-    let (d1, d2) = derivative(best);
-    let step = -d1 / d2;
-    (d2 < 0.0 && step.abs() < 2.0).then_some(best as f64 + step)
+    let derivatives: Vec<(f64, f64)> = (lo..=hi).map(derivative).collect();
+    // Zeros of the first derivative; the one with the strongest curvature is the ridge.
+    derivatives
+        .windows(2)
+        .enumerate()
+        .filter(|(_, d)| d[0].0 >= 0.0 && d[1].0 < 0.0)
+        .map(|(i, d)| (lo as f64 + i as f64 + d[0].0 / (d[0].0 - d[1].0), d[0].1 + d[1].1))
+        .filter(|(_, curvature)| *curvature < 0.0)
+        .min_by(|a, b| a.1.total_cmp(&b.1))
+        .map(|(position, _)| position)
 }
 
 /// A straight line through the samples on both sides of a stripe.
