@@ -1,9 +1,11 @@
 //! The rectangle of a face on its plane: which one ([`hypothesize`]), its joint fit ([`refine`]), the paper's eight key
-//! points ([`key_points`]), and the result with its uncertainty (this file).
+//! points ([`key_points`]), the way from rounded to sharp edges ([`sharp_edge`]), and the result with its uncertainty (this
+//! file).
 
 pub(crate) mod hypothesize;
 pub(crate) mod key_points;
 pub(crate) mod refine;
+pub(crate) mod sharp_edge;
 
 use crate::calibration::Calibration;
 use crate::edges::EdgePoint;
@@ -21,10 +23,7 @@ use refine::{Anchor, FittedRectangle, ITERATIONS, refine, start_from};
 /// Pointing drift of a laser module between calibrations, rad, 1 sigma: half of the 0.1 mrad of physics.md, since the
 /// four sit on one carrier and part of the drift is common.
 const LASER_DRIFT_RAD: f64 = 0.05e-3;
-/// How far the visible edge lies inside the sharp box's, mm, root mean square: cardboard edges have radii of 0.5 to 4 mm,
-/// and a gradient sits 0 (silhouette) to 0.3 ... 1 radii (crease) inside (physics.md). Not corrected yet.
-const ROUNDING_MM: f64 = 0.8;
-/// ... and px: blur and demosaicing move edges of unequal brightness.
+/// Blur and demosaicing move edges of unequal brightness, px, 1 sigma.
 const EDGE_SYSTEMATIC_PX: f64 = 0.2;
 /// Fewest edge points on a side.
 const MIN_EDGE_POINTS: usize = 8;
@@ -55,7 +54,7 @@ pub(crate) fn measure(
     let towards = crossing_px(calibration, &face.fit.plane, l1, l4).ok_or_else(open)?;
     let anchor = Anchor { at, towards };
     let start = start_from(calibration, rough, anchor).ok_or_else(open)?;
-    let fit = refine(calibration, &stripes, edges, anchor, &start, ITERATIONS).ok_or_else(open)?;
+    let mut fit = refine(calibration, &stripes, edges, anchor, &start, ITERATIONS).ok_or_else(open)?;
     if fit.edge_rms_px > MAX_EDGE_RMS_PX {
         return Err(Reject::NotARectangle { rms_px: fit.edge_rms_px, limit_px: MAX_EDGE_RMS_PX });
     }
@@ -63,12 +62,15 @@ pub(crate) fn measure(
 
     let sides = |offsets: &[f64; 4]| [offsets[1] - offsets[0], offsets[3] - offsets[2]];
     let mut values = sides(&fit.offsets_mm);
-    let surface = 2.0 * (ROUNDING_MM.powi(2) + (EDGE_SYSTEMATIC_PX * rough.mm_per_px).powi(2));
+    let corrections = sharp_edge::corrections(frame, calibration, face, &fit, &rough.at_ends);
+    let sharpen = sharp_edge::lengths(&corrections);
+    let surface =
+        sharpen.map(|(_, variance)| variance + 2.0 * (EDGE_SYSTEMATIC_PX * rough.mm_per_px).powi(2));
     let mut variances = [0, 2].map(|low| {
         let mut pick = SVector::<f64, 8>::zeros();
         pick[4 + low] = -1.0;
         pick[5 + low] = 1.0;
-        (pick.transpose() * fit.covariance * pick)[0] + surface
+        (pick.transpose() * fit.covariance * pick)[0] + surface[low / 2]
     });
     for id in LaserId::ALL {
         let turned = calibration.with_turned_laser(id, LASER_DRIFT_RAD);
@@ -78,12 +80,23 @@ pub(crate) fn measure(
             }
         }
     }
-    let key_points_px = key_points::on_sides(calibration, &fit).ok_or_else(open)?;
     if method == Method::Keypoints {
+        // The paper measures what the image shows: what the rounding takes is part of its error.
         let points = key_points::measure(calibration, face, &fit, edges).ok_or_else(open)?;
         values = points.sides_mm;
-        variances = points.variances_mm2.map(|v| v + surface);
+        for ((v, s), (outwards_mm, _)) in variances.iter_mut().zip(surface).zip(sharpen) {
+            *v = s + outwards_mm * outwards_mm;
+        }
+        variances = [0, 1].map(|i| variances[i] + points.variances_mm2[i]);
+    } else {
+        for (((offset, correction), (_, high)), i) in
+            fit.offsets_mm.iter_mut().zip(&corrections).zip(SIDES).zip([0, 0, 1, 1])
+        {
+            *offset += if high { correction.outwards_mm } else { -correction.outwards_mm };
+            values[i] += correction.outwards_mm;
+        }
     }
+    let key_points_px = key_points::on_sides(calibration, &fit).ok_or_else(open)?;
     assemble(calibration, &stripes, edges, &fit, values, variances, key_points_px).ok_or_else(open)
 }
 

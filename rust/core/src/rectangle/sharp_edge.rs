@@ -1,0 +1,272 @@
+//! From the edge that the image shows to the edge of the sharp box. Cardboard edges are rounded: what the image shows lies
+//! inside the sharp edge by a part of the radius. Two sources correct it, each with its own sigma:
+//!
+//! - Beyond a crease (or where the box stands on the floor) the stripes run on over a surface at a right angle to the face
+//!   that contains the sharp edge. Each of their points is triangulated on its laser plane; its coordinate across the side
+//!   is the side's place, whatever the radius.
+//! - Otherwise geometry and what is known of cardboard: radius 0.5 to 4 mm (physics.md).
+
+use super::refine::FittedRectangle;
+use crate::calibration::Calibration;
+use crate::face::extent::FaceStripes;
+use crate::face::outline::{Across, SIDES, span_mm};
+use crate::frames::Plane;
+use crate::image::Frame;
+use crate::stripe::peak::Estimator;
+use crate::stripe::trace::{StripeLine, TraceSettings, Walk, trace};
+use crate::units::{LaserId, Px};
+use nalgebra::{Matrix2, Vector2, Vector3};
+
+/// A side's correction outwards, mm, and its standard deviation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Correction {
+    pub outwards_mm: f64,
+    pub sigma_mm: f64,
+    /// Whether stripes beyond the edge measured it.
+    pub measured: bool,
+}
+
+/// Radius of cardboard edges, mm: middle and standard deviation of 0.5 to 4 mm (physics.md).
+const RADIUS_MM: (f64, f64) = (2.0, 1.0);
+/// The strongest gradient on a crease lies this share of the radius inside the sharp edge: 0.29 at the middle of the
+/// rounding, up to 1 where it begins.
+const CREASE_SHARE: (f64, f64) = (0.4, 0.25);
+/// Stripe points up to this far behind the face are used, mm: nearer ones lie on the rounding, farther ones only tell of
+/// the neighbouring face's own angle.
+const DEPTH_MM: (f64, f64) = (5.0, 120.0);
+/// Squareness of cartons, rad, 1 sigma: half a degree.
+const SQUARE_RAD: f64 = 0.009;
+/// The stripes beyond the edge are followed this far, px.
+const FOLLOW_PX: f64 = 400.0;
+/// The sharp edge lies within this range outside the image's edge, mm: more than the largest radius is another surface.
+const RANGE_MM: (f64, f64) = (-1.5, 4.5);
+/// Texture moves single centres by this much, px.
+const TEXTURE_PX: f64 = 0.2;
+/// Fewest stripe points that count as a surface.
+const MIN_POINTS: usize = 8;
+/// What remains of a measured side, mm: flatness of the neighbouring face near the edge.
+const FLATNESS_MM: f64 = 0.15;
+
+/// The corrections of the four sides, in the order of [`SIDES`].
+pub(crate) fn corrections(
+    frame: &Frame,
+    calibration: &Calibration,
+    face: &FaceStripes,
+    fit: &FittedRectangle,
+    at_ends: &[bool; 4],
+) -> [Correction; 4] {
+    [0, 1, 2, 3].map(|side| {
+        if !at_ends[side] {
+            // A seam between flush boxes is dark where both roundings meet: at the sharp edge.
+            return Correction { outwards_mm: 0.0, sigma_mm: 0.3, measured: false };
+        }
+        let expected = from_radius(fit, side);
+        match from_stripes(frame, calibration, face, fit, side) {
+            Some((outwards_mm, sigma_mm)) => combine(expected, outwards_mm, sigma_mm),
+            None => expected,
+        }
+    })
+}
+
+/// Weighted mean of what is known of radii and what the stripes measured.
+fn combine(expected: Correction, outwards_mm: f64, sigma_mm: f64) -> Correction {
+    let (w1, w2) = (expected.sigma_mm.powi(-2), sigma_mm.powi(-2));
+    Correction {
+        outwards_mm: (expected.outwards_mm * w1 + outwards_mm * w2) / (w1 + w2),
+        sigma_mm: (w1 + w2).sqrt().recip(),
+        measured: true,
+    }
+}
+
+/// Unit vector across the side, outwards.
+fn outwards(fit: &FittedRectangle, side: usize) -> Vector3<f64> {
+    let (across, high) = SIDES[side];
+    let axis = fit.raster.cam_point(across.at(1.0, 0.0)).mm - fit.raster.cam_point(Vector2::zeros()).mm;
+    if high { axis } else { -axis }
+}
+
+/// The middle of the side.
+fn middle(fit: &FittedRectangle, side: usize) -> Vector3<f64> {
+    let (from, to) = span_mm(&fit.offsets_mm, side);
+    fit.raster.cam_point(SIDES[side].0.at(fit.offsets_mm[side], 0.5 * (from + to))).mm
+}
+
+/// Unit normal of the face, away from the camera.
+fn normal(fit: &FittedRectangle) -> Vector3<f64> {
+    fit.raster.plane.normal_and_distance_mm().0
+}
+
+fn from_radius(fit: &FittedRectangle, side: usize) -> Correction {
+    let view = -middle(fit, side).normalize();
+    let (out, facing) = (view.dot(&outwards(fit, side)), -view.dot(&normal(fit)));
+    let (radius, radius_sigma) = RADIUS_MM;
+    if out > 0.0 {
+        // The neighbouring face is in view: a crease.
+        let (share, share_sigma) = CREASE_SHARE;
+        let sigma_mm = (share * radius_sigma).hypot(share_sigma * radius);
+        Correction { outwards_mm: share * radius, sigma_mm, measured: false }
+    } else {
+        // Silhouette: the ray that touches the rounding meets the face's plane r (1 + tan - 1 / cos) inside the edge. But
+        // against a background of the same brightness the shading of the rounding is all that shows, as on a crease. Which
+        // of the two an edge is has not been measured: the middle, with half their distance as sigma.
+        let tan = -out / facing.max(1e-3);
+        let touch = 1.0 + tan - (1.0 + tan * tan).sqrt();
+        let share = 0.5 * (touch + CREASE_SHARE.0);
+        let share_sigma = (0.5 * (CREASE_SHARE.0 - touch).abs()).max(0.1);
+        let sigma_mm = (share * radius_sigma).hypot(share_sigma * radius);
+        Correction { outwards_mm: share * radius, sigma_mm, measured: false }
+    }
+}
+
+/// The side's place from stripe points beyond it, outwards from the image's edge, and its sigma, mm.
+fn from_stripes(
+    frame: &Frame,
+    calibration: &Calibration,
+    face: &FaceStripes,
+    fit: &FittedRectangle,
+    side: usize,
+) -> Option<(f64, f64)> {
+    let (across, _) = SIDES[side];
+    let (out, at) = (outwards(fit, side), middle(fit, side));
+    if -at.dot(&out) <= 0.0 {
+        return None; // the neighbouring surface faces away
+    }
+    // The surface at a right angle through the side.
+    let neighbour = Plane::new(out / out.dot(&at));
+    let mut samples = Vec::new();
+    for id in across.stripes() {
+        collect(frame, calibration, face, fit, side, id, &neighbour, &mut samples);
+    }
+    robust_line(&samples)
+}
+
+/// A stripe point beyond the edge.
+struct Sample {
+    /// Place across the side, outwards from the image's edge, mm.
+    outwards_mm: f64,
+    /// Distance behind the face, mm.
+    depth_mm: f64,
+    sigma_mm: f64,
+}
+
+#[allow(clippy::too_many_arguments)] // one call, all of it needed
+fn collect(
+    frame: &Frame,
+    calibration: &Calibration,
+    face: &FaceStripes,
+    fit: &FittedRectangle,
+    side: usize,
+    id: LaserId,
+    neighbour: &Plane<crate::frames::Cam>,
+    samples: &mut Vec<Sample>,
+) -> Option<()> {
+    let (across, _) = SIDES[side];
+    let along = super::key_points::along_side_mm(calibration, fit, id, side)?;
+    let end = fit.raster.pixel(calibration, across.at(fit.offsets_mm[side], along))?;
+    let line = StripeLine::new(calibration, id, neighbour);
+    let place = |p: Px| match line.walk {
+        Walk::Rows => p.v,
+        Walk::Columns => p.u,
+    };
+    // Outwards is where a point a little behind the face, on the neighbouring surface, appears.
+    let laser = calibration.laser(id);
+    let out = outwards(fit, side);
+    let behind = {
+        let edge = fit.raster.cam_point(across.at(fit.offsets_mm[side], along)).mm;
+        // On the laser's plane and the neighbouring surface: their common direction.
+        let direction = laser.per_mm.cross(&out).try_normalize(1e-9)?;
+        let direction = if direction.dot(&normal(fit)) > 0.0 { direction } else { -direction };
+        calibration.camera().px_from_point(&crate::frames::Point::from_vector(edge + direction * 10.0))?
+    };
+    let (from, to) = (place(end), place(behind));
+    if (to - from).abs() < 1.0 {
+        return None;
+    }
+    let range = if to > from { from..from + FOLLOW_PX } else { from - FOLLOW_PX..from };
+    let start = line.px_at(calibration, range.start.max(0.0), other_of(&line, end))?.0;
+    let settings = TraceSettings {
+        rows: 4,
+        search_px: 8.0,
+        min_signal_to_noise: 4.0,
+        half_width_px: face.half_width_px,
+        estimator: Estimator::CentreOfGravity,
+    };
+    let inside = normal(fit);
+    let reference = middle(fit, side);
+    for found in trace(frame, calibration, &line, range, start, &settings).iter().filter_map(|p| p.found) {
+        let coordinate = |px: Px| {
+            let x = laser.intersect(&calibration.camera().ray_from_px(px))?.mm - reference;
+            Some((x.dot(&out), x.dot(&inside)))
+        };
+        let (outwards_mm, depth_mm) = coordinate(found.at)?;
+        if !(DEPTH_MM.0..DEPTH_MM.1).contains(&depth_mm) {
+            continue;
+        }
+        let moved = match line.walk {
+            Walk::Rows => Px::new(found.at.u + 1.0, found.at.v),
+            Walk::Columns => Px::new(found.at.u, found.at.v + 1.0),
+        };
+        let per_px = (coordinate(moved)?.0 - outwards_mm).abs();
+        let sigma_mm = per_px * found.sigma_px.hypot(TEXTURE_PX);
+        samples.push(Sample { outwards_mm, depth_mm, sigma_mm: sigma_mm.max(1e-3) });
+    }
+    Some(())
+}
+
+fn other_of(line: &StripeLine, px: Px) -> f64 {
+    match line.walk {
+        Walk::Rows => px.u,
+        Walk::Columns => px.v,
+    }
+}
+
+/// Place of the surface at the face's depth: a robust line over the depth with a prior on its slope (squareness).
+fn robust_line(samples: &[Sample]) -> Option<(f64, f64)> {
+    let near = |s: &&Sample| {
+        let spread = SQUARE_RAD * s.depth_mm + 3.0 * s.sigma_mm;
+        s.outwards_mm > RANGE_MM.0 - spread && s.outwards_mm < RANGE_MM.1 + spread
+    };
+    let samples: Vec<&Sample> = samples.iter().filter(near).collect();
+    if samples.len() < MIN_POINTS {
+        return None;
+    }
+    let mut values: Vec<f64> = samples.iter().map(|s| s.outwards_mm).collect();
+    let half = values.len() / 2;
+    let mut state = Vector2::new(*values.select_nth_unstable_by(half, f64::total_cmp).1, 0.0);
+    let mut covariance = Matrix2::zeros();
+    let mut used = 0.0;
+    let mut scale = 1.0;
+    for _ in 0..10 {
+        let residual = |s: &Sample| (s.outwards_mm - state.x - state.y * s.depth_mm) / s.sigma_mm;
+        let mut sizes: Vec<f64> = samples.iter().map(|s| residual(s).abs()).collect();
+        scale = (*sizes.select_nth_unstable_by(half, f64::total_cmp).1 / 0.6745).max(1.0);
+        let mut information = Matrix2::new(0.0, 0.0, 0.0, SQUARE_RAD.powi(-2));
+        let mut right = Vector2::zeros();
+        used = 0.0;
+        for s in &samples {
+            let t = residual(s) / (4.685 * scale);
+            let robust = (1.0 - t * t).max(0.0).powi(2);
+            let weight = robust / (s.sigma_mm * scale).powi(2);
+            let row = Vector2::new(1.0, s.depth_mm);
+            information += row * row.transpose() * weight;
+            right += row * (weight * s.outwards_mm);
+            used += robust;
+        }
+        covariance = information.try_inverse()?;
+        state = covariance * right;
+    }
+    // Neighbouring points share texture: one in two is independent.
+    let sigma = (2.0 * covariance[(0, 0)]).sqrt().hypot(FLATNESS_MM);
+    let good = used >= MIN_POINTS as f64 && scale < 4.0 && state.x > RANGE_MM.0 && state.x < RANGE_MM.1;
+    good.then_some((state.x, sigma))
+}
+
+/// Which sides' places change, for the two lengths.
+pub(crate) fn lengths(corrections: &[Correction; 4]) -> [(f64, f64); 2] {
+    let add = |low: &Correction, high: &Correction| {
+        (low.outwards_mm + high.outwards_mm, low.sigma_mm.powi(2) + high.sigma_mm.powi(2))
+    };
+    let [a, b, c, d] = corrections;
+    debug_assert!(SIDES[0].0 == Across::A && SIDES[2].0 == Across::B);
+    [add(a, b), add(c, d)]
+}
