@@ -52,8 +52,24 @@ const FIRST_HALF_WIDTH_PX: f64 = 10.0;
 const WANTED_SNR: f64 = 6.0;
 /// A peak this many sigmas from the prediction counts neither for nor against the plane; farther away it counts against.
 const ON_PLANE_SIGMAS: f64 = 2.5;
-/// Texture and print move single centres by about this much, px, beyond noise and speckle.
-const TEXTURE_PX: f64 = 0.2;
+
+/// One pass outwards along the stripes.
+struct Pass {
+    /// Farthest peak from the prediction, px.
+    search_px: f64,
+    /// How far beyond the inner segment, in its lengths.
+    reach: f64,
+    /// Uncertainty of the prediction, px; in the last passes texture and print, beyond noise and speckle.
+    slack_px: f64,
+}
+
+/// The prediction's uncertainty grows with the distance from what was fitted, so the first steps are short and lenient.
+const PASSES: &[Pass] = &[
+    Pass { search_px: 6.0, reach: 0.5, slack_px: 0.8 },
+    Pass { search_px: 5.0, reach: 1.5, slack_px: 0.5 },
+    Pass { search_px: 4.0, reach: f64::INFINITY, slack_px: 0.3 },
+    Pass { search_px: 4.0, reach: f64::INFINITY, slack_px: 0.2 },
+];
 /// A peak lower than this share of the stripe's usual height is another surface (the floor behind the box): black print
 /// reflects at least 4 % where cardboard reflects 30 %.
 const LEAST_SHARE: f64 = 0.13;
@@ -127,15 +143,15 @@ pub(crate) fn follow_stripes(
         }
         plane = fit_without_a_liar(calibration, &observations, &plane)?;
     }
-    // Then outwards, twice: longer stripes fix the plane better, a better plane predicts the ends better.
+    // Then outwards in steps: longer stripes fix the plane better, a better plane predicts farther.
     let mut result = None;
-    for search_px in [5.0, 4.0] {
-        settings.search_px = search_px;
+    for pass in PASSES {
+        settings.search_px = pass.search_px;
         let mut observations = Vec::new();
         let mut stripes = Vec::with_capacity(4);
         for id in LaserId::ALL {
             settings.rows = rows[id.index()];
-            let stripe = follow(frame, calibration, &plane, id, usual, &settings)?;
+            let stripe = follow(frame, calibration, &plane, id, usual, pass, &settings)?;
             collect(id, &stripe.points[stripe.on_plane.clone()], usual, &mut observations);
             stripes.push(stripe);
         }
@@ -235,6 +251,7 @@ fn follow(
     plane: &Plane<Cam>,
     id: LaserId,
     usual: f64,
+    pass: &Pass,
     settings: &TraceSettings,
 ) -> Option<FaceStripe> {
     let (line, inner, first) = inner_segment(calibration, plane, id)?;
@@ -242,13 +259,14 @@ fn follow(
         Walk::Rows => frame.height_px(),
         Walk::Columns => frame.width_px(),
     } as f64;
-    // Start at the image border, on the line.
     let other = match line.walk {
         Walk::Rows => first.u,
         Walk::Columns => first.v,
     };
-    let start = line.px_at(calibration, 0.0, other)?.0;
-    let points = trace(frame, calibration, &line, 0.0..size, start, settings);
+    let reach = pass.reach * (inner.end - inner.start);
+    let range = (inner.start - reach).max(0.0)..(inner.end + reach).min(size);
+    let start = line.px_at(calibration, range.start, other)?.0;
+    let points = trace(frame, calibration, &line, range, start, settings);
     if points.is_empty() {
         return None;
     }
@@ -256,7 +274,7 @@ fn follow(
     let score = |p: &StripePoint| match p.found {
         Some(f) if f.amplitude < LEAST_SHARE * usual || f.amplitude > MOST_SHARE * usual => ABSENT,
         Some(f) => {
-            (1.0 - (f.residual_px / (ON_PLANE_SIGMAS * f.sigma_px.hypot(TEXTURE_PX))).powi(2)).max(-1.0)
+            (1.0 - (f.residual_px / (ON_PLANE_SIGMAS * f.sigma_px.hypot(pass.slack_px))).powi(2)).max(-1.0)
         }
         None => ABSENT,
     };
