@@ -177,3 +177,60 @@ fn side_points(
     }
     Some(chosen)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Map pixels along `u cos(theta) + v sin(theta) = rho` within a frame of 600 x 400.
+    fn pixels_on(rho_px: f64, theta_rad: f64) -> Vec<EdgePixel> {
+        let (s, c) = theta_rad.sin_cos();
+        (-400..400)
+            .map(|k| f64::from(k) * 2.0)
+            .map(|t| Px::new(rho_px * c - t * s, rho_px * s + t * c))
+            .filter(|p| p.u > 0.0 && p.v > 0.0 && p.u < 600.0 && p.v < 400.0)
+            .map(|at| EdgePixel { at, normal_rad: theta_rad as f32 })
+            .collect()
+    }
+
+    #[test]
+    fn lines_are_found_to_a_cell_and_once() {
+        for (rho_px, theta_rad) in [(250.0, 0.8), (120.0, 0.01), (-90.0, 2.4), (300.0, 1.57), (-400.0, 3.13)] {
+            let pixels = pixels_on(rho_px, theta_rad);
+            assert!(pixels.len() as f32 > MIN_VOTES, "{rho_px}, {theta_rad}");
+            let lines = cluster(peaks(&pixels, 600, 400));
+            let best = lines.first().expect("a line");
+            let (rho, theta) = best.difference(&Line { rho_px, theta_rad, votes: 0.0 });
+            assert!(rho < 2.0 * RHO_CELL_PX && theta < 0.01, "{best:?} for {rho_px}, {theta_rad}");
+        }
+    }
+
+    #[test]
+    fn two_ways_to_write_a_line_do_not_differ() {
+        let line = |rho_px: f64, theta_rad: f64| Line { rho_px, theta_rad, votes: 1.0 };
+        let (rho, theta) = line(50.0, 0.01).difference(&line(-50.0, PI - 0.01));
+        assert!(rho < 1e-9 && (theta - 0.02).abs() < 1e-9);
+        let (rho, theta) = line(50.0, 0.5).difference(&line(64.0, 0.5));
+        assert!((rho - 14.0).abs() < 1e-9 && theta < 1e-9);
+    }
+
+    #[test]
+    fn neighbours_within_the_papers_distances_are_one_line() {
+        let line =
+            |rho_px: f64, theta_deg: f64, votes| Line { rho_px, theta_rad: theta_deg.to_radians(), votes };
+        let kept = cluster(vec![
+            line(100.0, 40.0, 9.0),
+            line(112.0, 41.0, 8.0),
+            line(120.0, 40.0, 7.0),
+            line(100.0, 42.0, 6.0),
+        ]);
+        assert_eq!(kept.iter().map(|l| l.votes).collect::<Vec<_>>(), [9.0, 7.0, 6.0]);
+    }
+
+    #[test]
+    fn no_pixels_no_lines() {
+        for (width, height) in [(1, 1), (3, 2), (64, 64)] {
+            assert!(peaks(&[], width, height).is_empty());
+        }
+    }
+}

@@ -70,3 +70,156 @@ pub(crate) fn brightness_half(frame: &Frame) -> (usize, usize, Vec<f32>) {
     }
     (w, h, out)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::hough::HoughDetector;
+    use super::map::edge_pixels;
+    use super::subpixel::GradientDetector;
+    use super::*;
+    use crate::camera::CameraModel;
+    use crate::face::outline::{SIDES, span_mm};
+    use crate::face::raster::{OnPlane, PlaneRaster};
+    use crate::frames::Plane;
+    use nalgebra::Vector3;
+    use proptest::prelude::*;
+
+    const WIDTH: usize = 648;
+    const HEIGHT: usize = 486;
+
+    /// The paper's head with a quarter of its pixels.
+    fn small_head() -> Calibration {
+        let camera = CameraModel {
+            fx: 614.7,
+            fy: 613.5,
+            skew: 0.0,
+            cx: 309.5,
+            cy: 257.8,
+            k1: -0.03415937,
+            k2: 0.321070446,
+        };
+        let lasers = [
+            [0.0079291, -0.00817394, 0.00018065, -1.0],
+            [0.01078476, -0.01121147, 0.00223845, -1.0],
+            [0.01037354, 0.00959161, 0.00170705, -1.0],
+            [0.00799885, 0.00730513, -0.00038506, -1.0],
+        ];
+        Calibration::new("test", [WIDTH as u32, HEIGHT as u32], camera, lasers).expect("a valid head")
+    }
+
+    /// A tilted plane 0.6 m away, rolled by about 45 degrees, with a rectangle on it.
+    fn rectangle(calibration: &Calibration) -> RoughRectangle {
+        let plane = Plane::new(Vector3::new(0.15, -0.1, 1.0) / 600.0);
+        let raster = PlaneRaster::new(calibration, &plane, Px::new(324.0, 243.0), Px::new(400.0, 310.0))
+            .expect("in view");
+        let mm_per_px = raster.mm_per_px(calibration, OnPlane::zeros()).expect("in view");
+        RoughRectangle { raster, offsets_mm: [-140.3, 120.9, -90.2, 100.6], at_ends: [true; 4], mm_per_px }
+    }
+
+    /// The picture of the rectangle, `face` grey on `ground` grey, 4 x 4 rays a pixel.
+    fn picture(calibration: &Calibration, r: &RoughRectangle, face: u8, ground: u8) -> Frame {
+        let [a0, a1, b0, b1] = r.offsets_mm;
+        let mut rgb = Vec::with_capacity(WIDTH * HEIGHT * 3);
+        for v in 0..HEIGHT {
+            for u in 0..WIDTH {
+                let mut inside = 0;
+                for k in 0..16 {
+                    let (du, dv) = (f64::from(k % 4) * 0.25 - 0.375, f64::from(k / 4) * 0.25 - 0.375);
+                    let at = r.raster.on_plane(calibration, Px::new(u as f64 + du, v as f64 + dv));
+                    let on_face = at.is_some_and(|p| p.x > a0 && p.x < a1 && p.y > b0 && p.y < b1);
+                    inside += i32::from(on_face);
+                }
+                let grey = i32::from(ground) + (i32::from(face) - i32::from(ground)) * inside / 16;
+                rgb.extend([u8::try_from(grey).expect("between both"); 3]);
+            }
+        }
+        Frame::from_rgb(WIDTH, HEIGHT, rgb).expect("the size fits")
+    }
+
+    fn detectors() -> [(&'static str, &'static dyn EdgeDetector); 2] {
+        [("gradient", &GradientDetector), ("hough", &HoughDetector)]
+    }
+
+    #[test]
+    fn both_detectors_find_known_sides_to_a_fifth_of_a_pixel() {
+        let calibration = small_head();
+        let truth = rectangle(&calibration);
+        let frame = picture(&calibration, &truth, 180, 90);
+        let mut rough = truth.clone();
+        for (offset, px) in rough.offsets_mm.iter_mut().zip([3.0, -2.0, 1.0, 4.0]) {
+            *offset += px * truth.mm_per_px;
+        }
+        for (name, detector) in detectors() {
+            let points = detector.edge_points(&frame, &calibration, &rough, &[]);
+            for (side, points) in points.iter().enumerate() {
+                assert!(points.len() >= 15, "{name}, side {side}: {} points", points.len());
+                let off_px = |p: &EdgePoint| {
+                    let at = truth.raster.on_plane(&calibration, p.at).expect("on the plane");
+                    (SIDES[side].0.offset(at) - truth.offsets_mm[side]) / truth.mm_per_px
+                };
+                let mean = points.iter().map(off_px).sum::<f64>() / points.len() as f64;
+                let worst = points.iter().map(|p| off_px(p).abs()).fold(0.0, f64::max);
+                assert!(mean.abs() < 0.2, "{name}, side {side}: {mean} px off");
+                assert!(worst < 1.0, "{name}, side {side}: a point is {worst} px off");
+            }
+        }
+    }
+
+    #[test]
+    fn no_point_lies_where_laser_light_disturbs() {
+        let calibration = small_head();
+        let truth = rectangle(&calibration);
+        let frame = picture(&calibration, &truth, 180, 90);
+        let middle = |side: usize| {
+            let (from, to) = span_mm(&truth.offsets_mm, side);
+            let at = SIDES[side].0.at(truth.offsets_mm[side], 0.5 * (from + to));
+            (truth.raster.pixel(&calibration, at).expect("in view"), 20.0)
+        };
+        let keep_out = [middle(0), middle(2)];
+        for (name, detector) in detectors() {
+            for p in detector.edge_points(&frame, &calibration, &truth, &keep_out).iter().flatten() {
+                let near = keep_out.iter().map(|(c, _)| c.distance_px(p.at)).fold(f64::INFINITY, f64::min);
+                // An averaged point stands for profiles up to 4 px beside it.
+                assert!(near > 20.0 - 5.0, "{name}: a point {near} px from a stripe");
+            }
+        }
+    }
+
+    #[test]
+    fn a_black_frame_has_no_edges() {
+        let calibration = small_head();
+        let rough = rectangle(&calibration);
+        let frame = Frame::from_rgb(WIDTH, HEIGHT, vec![0; WIDTH * HEIGHT * 3]).expect("the size fits");
+        assert!(edge_pixels(&frame).is_empty());
+        for (name, detector) in detectors() {
+            let points = detector.edge_points(&frame, &calibration, &rough, &[]);
+            assert!(points.iter().all(Vec::is_empty), "{name}");
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+        #[test]
+        fn frames_of_any_size_do_no_harm(width in 1..90usize, height in 1..90usize, seed: u32) {
+            let mut state = seed;
+            let rgb = (0..width * height * 3)
+                .map(|_| {
+                    state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                    (state >> 24) as u8
+                })
+                .collect();
+            let frame = Frame::from_rgb(width, height, rgb).expect("the size fits");
+            let calibration = small_head(); // of another size: the frame ends where sides are looked for
+            let rough = rectangle(&calibration);
+            for pixel in edge_pixels(&frame) {
+                prop_assert!(pixel.at.u > 0.0 && pixel.at.u < width as f64);
+                prop_assert!(pixel.at.v > 0.0 && pixel.at.v < height as f64);
+            }
+            for (_, detector) in detectors() {
+                for p in detector.edge_points(&frame, &calibration, &rough, &[]).iter().flatten() {
+                    prop_assert!(p.at.u.is_finite() && p.at.v.is_finite() && p.sigma_px > 0.0);
+                }
+            }
+        }
+    }
+}

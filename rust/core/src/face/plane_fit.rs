@@ -173,7 +173,7 @@ mod tests {
     /// by z^2 / (f base), base = distance of the lasers from the camera (about 100 mm), and 4 stripes share the work.
     fn allowed_mm(depth_mm: f64, sigma_px: f64, count: usize) -> f64 {
         let per_px = depth_mm * depth_mm / (2450.0 * 90.0);
-        4.0 * sigma_px * per_px * (40.0 / count as f64).sqrt()
+        1.5 * sigma_px * per_px * (40.0 / count as f64).sqrt()
     }
 
     proptest! {
