@@ -195,7 +195,8 @@ mod tests {
 
     #[test]
     fn lines_are_found_to_a_cell_and_once() {
-        for (rho_px, theta_rad) in [(250.0, 0.8), (120.0, 0.01), (-90.0, 2.4), (300.0, 1.57), (-400.0, 3.13)] {
+        for (rho_px, theta_rad) in [(250.0, 0.8), (120.0, 0.01), (-90.0, 2.4), (300.0, 1.57), (-400.0, 3.13)]
+        {
             let pixels = pixels_on(rho_px, theta_rad);
             assert!(pixels.len() as f32 > MIN_VOTES, "{rho_px}, {theta_rad}");
             let lines = cluster(peaks(&pixels, 600, 400));

@@ -9,6 +9,7 @@ use crate::face::raster::{OnPlane, PlaneRaster};
 use crate::image::Frame;
 use crate::reject::Reject;
 use crate::units::{LaserId, Px};
+use std::collections::BTreeMap;
 
 /// Two ends that belong to one side differ by no more than this, px, beyond the length of a profile block.
 const END_TOLERANCE_PX: f64 = 12.0;
@@ -18,8 +19,9 @@ const MAX_ANGLE_RAD: f64 = 0.55;
 const SUPPORT_AT_ENDS: f32 = 0.35;
 /// ... and on this share where only the image tells: print and tape seldom fill 16 segments.
 const SUPPORT_ALONE: f32 = 0.75;
-/// Candidates kept per side.
+/// Candidates kept per side, and how many of them at the ends of the stripes.
 const KEEP: usize = 4;
+const KEEP_AT_ENDS: usize = 3;
 /// Two candidates are one if they are closer than this, px.
 const APART_PX: f64 = 4.0;
 /// A side may be turned against the raster by this much from end to end, px.
@@ -202,19 +204,25 @@ fn side_candidates(
     if consistent {
         let middle = 0.5 * sign * (offsets[0] + offsets[1]);
         // Near the ends the strongest edge, a little less the farther it is from them.
-        let near = |e: &&EdgeCandidate| {
+        let near = |e: &EdgeCandidate| {
             let t = (e.offset_mm - middle) / (0.5 * tolerance);
             e.strength / (1.0 + (t * t) as f32)
         };
-        let snapped = edges
+        let mut snapped: Vec<&EdgeCandidate> = edges
             .iter()
             .filter(|e| (e.offset_mm - middle).abs() <= tolerance && e.strength >= SUPPORT_AT_ENDS)
-            .max_by(|x, y| near(x).total_cmp(&near(y)));
-        sides.push(Side { offset_mm: snapped.map_or(middle, |e| e.offset_mm), at_end: true });
+            .collect();
+        snapped.sort_by(|x, y| near(y).total_cmp(&near(x)));
+        snapped.truncate(KEEP_AT_ENDS);
+        sides.extend(snapped.iter().map(|e| Side { offset_mm: e.offset_mm, at_end: true }));
+        if sides.is_empty() {
+            sides.push(Side { offset_mm: middle, at_end: true });
+        }
     }
-    let end_offset = sides.first().map(|s| s.offset_mm);
+    let at_ends = sides.clone();
     for e in edges.iter().filter(|e| e.strength >= SUPPORT_ALONE) {
-        if sides.len() < KEEP && end_offset.is_none_or(|o| (e.offset_mm - o).abs() > tolerance) {
+        let apart = at_ends.iter().all(|s| (e.offset_mm - s.offset_mm).abs() > END_TOLERANCE_PX * px);
+        if sides.len() < KEEP && apart {
             sides.push(Side { offset_mm: e.offset_mm, at_end: false });
         }
     }
@@ -233,6 +241,7 @@ fn choose(
     let bottom = frame.height_px() as f64 - 0.5;
     let inside = |p: Px| p.u > -0.5 && p.v > -0.5 && p.u < right && p.v < bottom;
     let mut best: Option<(f64, RoughRectangle)> = None;
+    let mut known = BTreeMap::new();
     let mut combinations: Vec<[usize; 4]> = Vec::new();
     for i in 0..sides[0].len() {
         for j in 0..sides[1].len() {
@@ -253,30 +262,14 @@ fn choose(
         if !corners.iter().all(|c| c.is_some_and(inside)) {
             continue;
         }
-        let mut support = [0f32; 4];
-        for (s, (across, _)) in SIDES.iter().enumerate() {
-            let span = span_mm(&offsets_mm, s);
-            let margin = 0.03 * (span.1 - span.0);
-            let window = 40.0 * mm_per_px;
-            let scan = SideScan::new(
-                frame,
-                calibration,
-                raster,
-                &ScanRange {
-                    across: *across,
-                    from_mm: offsets_mm[s] - window,
-                    to_mm: offsets_mm[s] + window,
-                    span_mm: (span.0 + margin, span.1 - margin),
-                    step_mm: 0.8 * mm_per_px,
-                },
-            );
-            support[s] = scan
-                .candidates(DRIFT_PX * mm_per_px, APART_PX * mm_per_px, 0.1, 8)
-                .iter()
-                .filter(|e| (e.offset_mm - offsets_mm[s]).abs() <= 8.0 * mm_per_px)
-                .map(|e| e.strength)
-                .fold(0.0, f32::max);
-        }
+        let support = [0, 1, 2, 3].map(|s| {
+            // A side's support depends on its own place and on the two sides that end it.
+            let [first, last] = if s < 2 { [2, 3] } else { [0, 1] };
+            let key = (s, combination[s], combination[first], combination[last]);
+            *known
+                .entry(key)
+                .or_insert_with(|| support_of(frame, calibration, raster, &offsets_mm, s, mm_per_px))
+        });
         let needed = chosen.map(|s| if s.at_end { SUPPORT_AT_ENDS } else { SUPPORT_ALONE });
         let enough = support.iter().zip(needed).all(|(s, n)| *s >= n);
         let score: f64 =
@@ -293,6 +286,37 @@ fn choose(
         }
     }
     best.map(|(_, rough)| rough)
+}
+
+/// Share of a side on which an image edge is seen, 0 to 1.
+fn support_of(
+    frame: &Frame,
+    calibration: &Calibration,
+    raster: &PlaneRaster,
+    offsets_mm: &[f64; 4],
+    side: usize,
+    mm_per_px: f64,
+) -> f32 {
+    let span = span_mm(offsets_mm, side);
+    let margin = 0.03 * (span.1 - span.0);
+    let window = 40.0 * mm_per_px;
+    let scan = SideScan::new(
+        frame,
+        calibration,
+        raster,
+        &ScanRange {
+            across: SIDES[side].0,
+            from_mm: offsets_mm[side] - window,
+            to_mm: offsets_mm[side] + window,
+            span_mm: (span.0 + margin, span.1 - margin),
+            step_mm: 0.8 * mm_per_px,
+        },
+    );
+    scan.candidates(DRIFT_PX * mm_per_px, APART_PX * mm_per_px, 0.1, 8)
+        .iter()
+        .filter(|e| (e.offset_mm - offsets_mm[side]).abs() <= 8.0 * mm_per_px)
+        .map(|e| e.strength)
+        .fold(0.0, f32::max)
 }
 
 /// The refusal when sides are missing: cut by the border if a stripe runs out of the image, open otherwise.
