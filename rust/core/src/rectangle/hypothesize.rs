@@ -183,7 +183,9 @@ fn side_candidates(
     }
     let inner = inner + scale.half_width_mm + 6.0 * px;
     let offsets = pair.map(|e| sign * across.offset(e.at));
-    let outer = offsets[0].max(offsets[1]) + 25.0 * px;
+    // A faint stripe is lost before it ends.
+    let unsure = pair[0].uncertainty_px.max(pair[1].uncertainty_px);
+    let outer = offsets[0].max(offsets[1]) + (25.0 + unsure) * px;
     if outer <= inner {
         return Some(Vec::new());
     }
