@@ -42,6 +42,16 @@ pub(crate) struct FaceStripes {
     pub stripes: [FaceStripe; 4],
     /// Half the width of the stripes at their foot, px.
     pub half_width_px: f64,
+    /// The usual height of a stripe's peak, grey levels of redness.
+    usual: f64,
+}
+
+impl FaceStripes {
+    /// The centres of one stripe on the plane, without those that red print gave.
+    pub fn centres(&self, id: LaserId) -> impl Iterator<Item = StripeObservation> + '_ {
+        let stripe = &self.stripes[id.index()];
+        centres(id, &stripe.points[stripe.on_plane.clone()], self.usual)
+    }
 }
 
 /// Fewest and most rows in one profile: 4 keep the ends sharp, 64 still follow a line that a tilted face bends.
@@ -139,7 +149,7 @@ pub(crate) fn follow_stripes(
         usual = usual_amplitude(&traces)?;
         let mut observations = Vec::new();
         for (id, points) in LaserId::ALL.into_iter().zip(&traces) {
-            collect(id, points, usual, &mut observations);
+            observations.extend(centres(id, points, usual));
         }
         plane = fit_without_a_liar(calibration, &observations, &plane)?;
     }
@@ -152,7 +162,7 @@ pub(crate) fn follow_stripes(
         for id in LaserId::ALL {
             settings.rows = rows[id.index()];
             let stripe = follow(frame, calibration, &plane, id, usual, pass, &settings)?;
-            collect(id, &stripe.points[stripe.on_plane.clone()], usual, &mut observations);
+            observations.extend(centres(id, &stripe.points[stripe.on_plane.clone()], usual));
             stripes.push(stripe);
         }
         let fit = fit_plane(calibration, &observations, &plane)?;
@@ -161,6 +171,7 @@ pub(crate) fn follow_stripes(
             fit,
             stripes: stripes.try_into().ok()?,
             half_width_px: settings.half_width_px,
+            usual,
         });
     }
     result
@@ -199,14 +210,16 @@ fn usual_amplitude(traces: &[Vec<StripePoint>]) -> Option<f64> {
     Some(*all.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-fn collect(laser: LaserId, points: &[StripePoint], usual: f64, observations: &mut Vec<StripeObservation>) {
-    observations.extend(
-        points
-            .iter()
-            .filter_map(|p| p.found)
-            .filter(|f| f.amplitude < MOST_SHARE * usual)
-            .map(|f| StripeObservation { laser, at: f.at, sigma_px: f.sigma_px }),
-    );
+fn centres(
+    laser: LaserId,
+    points: &[StripePoint],
+    usual: f64,
+) -> impl Iterator<Item = StripeObservation> + '_ {
+    points
+        .iter()
+        .filter_map(|p| p.found)
+        .filter(move |f| f.amplitude < MOST_SHARE * usual)
+        .map(move |f| StripeObservation { laser, at: f.at, sigma_px: f.sigma_px })
 }
 
 fn along(line: &StripeLine, px: Px) -> f64 {

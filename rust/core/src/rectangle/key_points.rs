@@ -69,12 +69,8 @@ pub(crate) fn measure(
 ) -> Option<KeyPointSides> {
     let ray = |px: Px| calibration.camera().ray_from_px(px).xy1;
     let mut stripe_lines = Vec::with_capacity(4);
-    for stripe in &face.stripes {
-        let points: Vec<Vector3<f64>> = stripe.points[stripe.on_plane.clone()]
-            .iter()
-            .filter_map(|p| p.found)
-            .map(|f| ray(f.at))
-            .collect();
+    for id in LaserId::ALL {
+        let points: Vec<Vector3<f64>> = face.centres(id).map(|o| ray(o.at)).collect();
         stripe_lines.push(line_through(&points)?);
     }
     let mut edge_lines = Vec::with_capacity(4);

@@ -108,22 +108,13 @@ fn face_observations(
 ) -> Vec<StripeObservation> {
     let margin = 2.0 * rough.mm_per_px;
     let [a0, a1, b0, b1] = rough.offsets_mm;
-    let mut result = Vec::new();
-    for stripe in &face.stripes {
-        for found in stripe.points[stripe.on_plane.clone()].iter().filter_map(|p| p.found) {
-            let inside = rough.raster.on_plane(calibration, found.at).is_some_and(|p| {
-                p.x > a0 + margin && p.x < a1 - margin && p.y > b0 + margin && p.y < b1 - margin
-            });
-            if inside {
-                result.push(StripeObservation {
-                    laser: stripe.laser,
-                    at: found.at,
-                    sigma_px: found.sigma_px,
-                });
-            }
-        }
-    }
-    result
+    let inside = |o: &StripeObservation| {
+        rough
+            .raster
+            .on_plane(calibration, o.at)
+            .is_some_and(|p| p.x > a0 + margin && p.x < a1 - margin && p.y > b0 + margin && p.y < b1 - margin)
+    };
+    LaserId::ALL.into_iter().flat_map(|id| face.centres(id)).filter(inside).collect()
 }
 
 /// Every stripe must cross its two sides between their corners, and every corner must be in the image.
