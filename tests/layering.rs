@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// The modules of `rust/core/src`, lowest first. A new module gets its line here.
-const MODULES: [&str; 15] = [
+const MODULES: [&str; 16] = [
     "units",
     "error",
     "frames",
@@ -17,6 +17,7 @@ const MODULES: [&str; 15] = [
     "calibration",
     "optim",
     "stripe",
+    "diagnostics",
     "face",
     "edges",
     "rectangle",

@@ -8,6 +8,8 @@
 pub mod calibration;
 pub mod camera;
 mod cuboid;
+#[doc(hidden)]
+pub mod diagnostics;
 mod edges;
 pub mod error;
 mod face;
