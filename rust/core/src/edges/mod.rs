@@ -32,9 +32,13 @@ pub(crate) trait EdgeDetector {
     ) -> [Vec<EdgePoint>; 4];
 }
 
-/// Brightness for edges, grey levels: green and blue, where the red laser hardly shows.
+/// What edges are seen in: brightness without red, where the laser hardly shows, and the colour difference red - blue,
+/// which tells cardboard from grey floor of the same brightness. Grey levels.
+pub(crate) type Tone = [f32; 2];
+
+/// The tone at a sub-pixel position.
 #[inline]
-pub(crate) fn brightness(frame: &Frame, u: f64, v: f64) -> Option<f32> {
+pub(crate) fn tone(frame: &Frame, u: f64, v: f64) -> Option<Tone> {
     let (w, h) = (frame.width_px(), frame.height_px());
     if !(u >= 0.0 && v >= 0.0) {
         return None;
@@ -45,13 +49,28 @@ pub(crate) fn brightness(frame: &Frame, u: f64, v: f64) -> Option<f32> {
     }
     let (fu, fv) = ((u - x as f64) as f32, (v - y as f64) as f32);
     let rgb = frame.rgb();
-    let at = |x: usize, y: usize| {
-        let i = (y * w + x) * 3;
-        0.5 * (f32::from(rgb[i + 1]) + f32::from(rgb[i + 2]))
-    };
-    let top = at(x, y) * (1.0 - fu) + at(x + 1, y) * fu;
-    let bottom = at(x, y + 1) * (1.0 - fu) + at(x + 1, y + 1) * fu;
-    Some(top * (1.0 - fv) + bottom * fv)
+    let mut result = [0.0; 2];
+    for (index, weight) in [
+        (y * w + x, (1.0 - fu) * (1.0 - fv)),
+        (y * w + x + 1, fu * (1.0 - fv)),
+        ((y + 1) * w + x, (1.0 - fu) * fv),
+        ((y + 1) * w + x + 1, fu * fv),
+    ] {
+        let p = &rgb[index * 3..index * 3 + 3];
+        let (red, green, blue) = (f32::from(p[0]), f32::from(p[1]), f32::from(p[2]));
+        result[0] += weight * 0.5 * (green + blue);
+        result[1] += weight * 0.5 * (red - blue);
+    }
+    Some(result)
+}
+
+/// Scale of zero-mean noise from the median of its absolute values; `floor` where the picture is flat.
+pub(crate) fn noise_of(absolute: &mut [f32], floor: f32) -> f32 {
+    if absolute.is_empty() {
+        return floor;
+    }
+    let middle = absolute.len() / 2;
+    (*absolute.select_nth_unstable_by(middle, f32::total_cmp).1 / 0.6745).max(floor)
 }
 
 /// Brightness at half resolution, grey levels.

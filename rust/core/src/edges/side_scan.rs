@@ -1,8 +1,8 @@
-//! Evidence for a straight edge at each offset: the side is cut into segments, each gives a mean brightness profile
+//! Evidence for a straight edge at each offset: the side is cut into segments, each gives a mean profile of its tone
 //! across it, and an edge is where most segments show a step (or a thin dark line: the seam between flush boxes) at the
 //! same place. Print, labels and tape seldom run the whole length of a side.
 
-use super::brightness;
+use super::{noise_of, tone};
 use crate::calibration::Calibration;
 use crate::face::outline::Across;
 use crate::face::raster::PlaneRaster;
@@ -10,7 +10,7 @@ use crate::image::Frame;
 
 /// Segments of a side.
 pub(crate) const SEGMENTS: usize = 16;
-/// Brightness samples added up in one segment at each offset.
+/// Samples added up in one segment at each offset.
 const SAMPLES: usize = 10;
 /// Half the distance over which a step is measured, in scan steps (about px): the optics blur an edge over 2 to 3 px.
 const REACH: usize = 2;
@@ -58,12 +58,11 @@ impl SideScan {
         let ScanRange { across, from_mm, to_mm, span_mm, step_mm } = *range;
         let steps = (((to_mm - from_mm) / step_mm).ceil().max(0.0) as usize + 1).min(6000);
         let mut strength = vec![0f32; SEGMENTS * steps];
-        let mut sum = vec![0f32; steps];
+        let mut sum = vec![[0f32; 2]; steps];
         let mut count = vec![0f32; steps];
-        let mut gradient = vec![0f32; steps];
         let mut sorted = Vec::with_capacity(steps);
         for segment in 0..SEGMENTS {
-            sum.fill(0.0);
+            sum.fill([0.0; 2]);
             count.fill(0.0);
             for sample in 0..SAMPLES {
                 let t = (segment as f64 + (sample as f64 + 0.5) / SAMPLES as f64) / SEGMENTS as f64;
@@ -77,8 +76,9 @@ impl SideScan {
                         let (du, dv) = ((q.u - p.u) / NODE as f64, (q.v - p.v) / NODE as f64);
                         for k in node..last {
                             let s = (k - node) as f64;
-                            if let Some(y) = brightness(frame, p.u + du * s, p.v + dv * s) {
-                                sum[k] += y;
+                            if let Some([y, c]) = tone(frame, p.u + du * s, p.v + dv * s) {
+                                sum[k][0] += y;
+                                sum[k][1] += c;
                                 count[k] += 1.0;
                             }
                         }
@@ -87,28 +87,30 @@ impl SideScan {
                 }
             }
             for (s, c) in sum.iter_mut().zip(&count) {
-                *s = if *c * 2.0 > SAMPLES as f32 { *s / c } else { f32::NAN };
+                *s = if *c * 2.0 > SAMPLES as f32 { s.map(|x| x / c) } else { [f32::NAN; 2] };
             }
-            gradient.fill(0.0);
-            sorted.clear();
-            for k in 2 * REACH..steps.saturating_sub(2 * REACH) {
-                let step = sum[k + REACH] - sum[k - REACH];
-                let line = sum[k] - 0.5 * (sum[k - 2 * REACH] + sum[k + 2 * REACH]);
-                // A thin line must be dark: the gap between two boxes.
-                let value = step.abs().max(-1.5 * line);
-                if value.is_finite() {
-                    gradient[k] = value;
-                    sorted.push(step.abs());
-                }
-            }
-            if sorted.len() < 16 {
-                continue;
-            }
-            let middle = sorted.len() / 2;
-            let sigma = (*sorted.select_nth_unstable_by(middle, f32::total_cmp).1 / 0.6745).max(0.5);
             let out = &mut strength[segment * steps..][..steps];
-            for (o, g) in out.iter_mut().zip(&gradient) {
-                *o = ((g / sigma - 1.0) / (FULL_SIGMAS - 1.0)).clamp(0.0, 1.0);
+            for channel in 0..2 {
+                let step = |k: usize| (sum[k + REACH][channel] - sum[k - REACH][channel]).abs();
+                sorted.clear();
+                sorted
+                    .extend((2 * REACH..steps.saturating_sub(2 * REACH)).map(step).filter(|s| s.is_finite()));
+                if sorted.len() < 16 {
+                    continue;
+                }
+                let sigma = noise_of(&mut sorted, 0.5);
+                for k in 2 * REACH..steps.saturating_sub(2 * REACH) {
+                    let mut value = step(k);
+                    if channel == 0 {
+                        // A thin line must be dark: the gap between two boxes.
+                        let line = sum[k][0] - 0.5 * (sum[k - 2 * REACH][0] + sum[k + 2 * REACH][0]);
+                        value = value.max(-1.5 * line);
+                    }
+                    let seen = ((value / sigma - 1.0) / (FULL_SIGMAS - 1.0)).clamp(0.0, 1.0);
+                    if seen.is_finite() {
+                        out[k] = out[k].max(seen);
+                    }
+                }
             }
         }
         Self { start_mm: from_mm, step_mm, steps, strength }

@@ -1,6 +1,6 @@
 //! The sub-pixel course of each side: gradient extremes along the normals of the predicted side (the default detector).
 
-use super::{EdgeDetector, EdgePoint, brightness};
+use super::{EdgeDetector, EdgePoint, Tone, noise_of, tone};
 use crate::calibration::Calibration;
 use crate::face::outline::{RoughRectangle, SIDES};
 use crate::image::Frame;
@@ -24,6 +24,8 @@ const CORNER_SHARE: f64 = 0.025;
 const NEAR_LINE_PX: f64 = 2.0;
 /// The line may differ from the prediction by this much at either end, px.
 const LINE_SEARCH_PX: f64 = 8.0;
+/// What half a pixel of distance costs, in shares of full support: 8 px cost 0.16.
+const FAR_COST: f32 = 0.01;
 /// Smallest step of brightness of an edge point, grey levels, and in units of the profile's noise.
 const MIN_STEP: f32 = 1.5;
 const MIN_STEP_SIGMAS: f32 = 3.0;
@@ -34,16 +36,12 @@ struct Profile {
     normal: (f64, f64),
     /// Position along the side, 0 to 1.
     along: f64,
-    brightness: [f32; N],
+    tone: [Tone; N],
 }
 
 impl Profile {
-    fn gradient(&self) -> [f32; N] {
-        let mut g = [0f32; N];
-        for (out, pair) in g[PER_PX..].iter_mut().zip(self.brightness.windows(2 * PER_PX + 1)) {
-            *out = pair[2 * PER_PX] - pair[0];
-        }
-        g
+    fn channel(&self, channel: usize) -> [f32; N] {
+        self.tone.map(|t| t[channel])
     }
 
     fn at(&self, index: f64) -> Px {
@@ -83,7 +81,7 @@ fn profiles(
     let groups = (first.distance_px(last) / (SPACING_PX * GROUP as f64)).floor() as usize;
     let mut result = Vec::with_capacity(groups);
     for group in 0..groups {
-        let mut sum = [0f32; N];
+        let mut sum = [[0f32; 2]; N];
         let mut middle = Px::new(0.0, 0.0);
         let mut normal = (0.0, 0.0);
         let mut good = true;
@@ -103,8 +101,11 @@ fn profiles(
             let n = (-(q.v - p.v) / length, (q.u - p.u) / length);
             for (i, s) in sum.iter_mut().enumerate() {
                 let t = i as f64 / PER_PX as f64 - REACH_PX as f64;
-                match brightness(frame, p.u + n.0 * t, p.v + n.1 * t) {
-                    Some(y) => *s += y / GROUP as f32,
+                match tone(frame, p.u + n.0 * t, p.v + n.1 * t) {
+                    Some([y, c]) => {
+                        s[0] += y / GROUP as f32;
+                        s[1] += c / GROUP as f32;
+                    }
                     None => good = false,
                 }
             }
@@ -113,10 +114,37 @@ fn profiles(
         }
         if good {
             let along = (group as f64 + 0.5) / groups as f64;
-            result.push(Profile { middle, normal, along, brightness: sum });
+            result.push(Profile { middle, normal, along, tone: sum });
         }
     }
     result
+}
+
+/// Difference of neighbours one px to each side.
+fn gradient(value: &[f32; N]) -> [f32; N] {
+    let mut g = [0f32; N];
+    for (out, pair) in g[PER_PX..].iter_mut().zip(value.windows(2 * PER_PX + 1)) {
+        *out = pair[2 * PER_PX] - pair[0];
+    }
+    g
+}
+
+/// Fisher's direction for a step at `expected`: difference of the means 2 to 5 px to both sides over the squared noise,
+/// scaled to unit length.
+fn mixture(p: &Profile, expected: f64, noises: [f32; 2]) -> [f32; 2] {
+    let middle = expected.round() as usize;
+    let (near, far) = (2 * PER_PX, 5 * PER_PX);
+    let weights = [0, 1].map(|c| {
+        let mean = |range: std::ops::Range<usize>| {
+            let n = range.len().max(1) as f32;
+            range.map(|i| p.tone[i][c]).sum::<f32>() / n
+        };
+        let before = mean(middle.saturating_sub(far)..middle.saturating_sub(near));
+        let after = mean((middle + near).min(N)..(middle + far).min(N));
+        (after - before) / (noises[c] * noises[c])
+    });
+    let length = weights[0].hypot(weights[1]);
+    if length > 0.0 { weights.map(|w| w / length) } else { [1.0, 0.0] }
 }
 
 /// What the edge is: a step of brightness, or the thin dark line between two flush boxes.
@@ -130,13 +158,17 @@ fn points_on_line(profiles: &[Profile]) -> Vec<EdgePoint> {
     if profiles.len() < 6 {
         return Vec::new();
     }
-    let gradients: Vec<[f32; N]> = profiles.iter().map(Profile::gradient).collect();
+    let gradients = [0, 1].map(|c| profiles.iter().map(|p| gradient(&p.channel(c))).collect::<Vec<_>>());
     // Noise of a gradient sample: the median over all profiles; edges are few.
-    let mut all: Vec<f32> =
-        gradients.iter().flat_map(|g| g[PER_PX..N - PER_PX].iter().map(|x| x.abs())).collect();
-    let middle = all.len() / 2;
-    let noise = (*all.select_nth_unstable_by(middle, f32::total_cmp).1 / 0.6745).max(0.3);
-    let strength = |g: f32| ((g.abs() / noise - 1.0) / 5.0).clamp(0.0, 1.0);
+    let noises = gradients.each_ref().map(|g| {
+        let mut all: Vec<f32> =
+            g.iter().flat_map(|g| g[PER_PX..N - PER_PX].iter().map(|x| x.abs())).collect();
+        noise_of(&mut all, 0.3)
+    });
+    let strength = |profile: usize, index: usize| {
+        let sigmas = [0, 1].map(|c| gradients[c][profile][index].abs() / noises[c]);
+        ((sigmas[0].max(sigmas[1]) - 1.0) / 5.0).clamp(0.0, 1.0)
+    };
     // The straight line with the most support: offsets at both ends, half-pixel steps.
     let reach = (LINE_SEARCH_PX * PER_PX as f64) as i32;
     let centre = (REACH_PX * PER_PX) as i32;
@@ -144,12 +176,12 @@ fn points_on_line(profiles: &[Profile]) -> Vec<EdgePoint> {
     for first in -reach..=reach {
         for last in (first - 10).max(-reach)..=(first + 10).min(reach) {
             let mut sum = 0.0;
-            for (p, g) in profiles.iter().zip(&gradients) {
+            for (n, p) in profiles.iter().enumerate() {
                 let i = centre + (f64::from(first) + f64::from(last - first) * p.along).round() as i32;
-                sum += strength(g[i as usize]);
+                sum += strength(n, i as usize);
             }
-            // Among equals the one nearest the prediction.
-            let score = sum - 0.002 * profiles.len() as f32 * (first.abs() + last.abs()) as f32 / 2.0;
+            // The nearer to the prediction the better.
+            let score = sum - FAR_COST * profiles.len() as f32 * (first.abs() + last.abs()) as f32 / 2.0;
             if score > best.0 {
                 best = (score, first, last);
             }
@@ -160,8 +192,16 @@ fn points_on_line(profiles: &[Profile]) -> Vec<EdgePoint> {
     let (kind, shift) = edge_kind(profiles, &line);
     let mut points = Vec::with_capacity(profiles.len());
     let near = NEAR_LINE_PX * PER_PX as f64;
-    for (p, g) in profiles.iter().zip(&gradients) {
+    for p in profiles {
         let expected = line(p) + shift;
+        // The mixture of both channels in which this edge stands out most against their noise.
+        let mixture = match kind {
+            Kind::Step => mixture(p, expected, noises),
+            Kind::DarkLine => [1.0, 0.0],
+        };
+        let value = p.tone.map(|t| t[0] * mixture[0] + t[1] * mixture[1]);
+        let g = gradient(&value);
+        let noise = (noises[0] * mixture[0]).hypot(noises[1] * mixture[1]);
         let lo = ((expected - near).ceil().max(PER_PX as f64 + 1.0)) as usize;
         let hi = ((expected + near).floor() as usize).min(N - PER_PX - 2);
         if lo >= hi {
@@ -169,7 +209,7 @@ fn points_on_line(profiles: &[Profile]) -> Vec<EdgePoint> {
         }
         let signal = |i: usize| match kind {
             Kind::Step => g[i].abs(),
-            Kind::DarkLine => -p.brightness[i],
+            Kind::DarkLine => -value[i],
         };
         let Some(top) = (lo..=hi).max_by(|a, b| signal(*a).total_cmp(&signal(*b))) else { continue };
         let (l, c, r) = (signal(top - 1), signal(top), signal(top + 1));
@@ -179,10 +219,7 @@ fn points_on_line(profiles: &[Profile]) -> Vec<EdgePoint> {
         }
         let height = match kind {
             Kind::Step => c,
-            Kind::DarkLine => {
-                0.5 * (p.brightness[top.saturating_sub(6)] + p.brightness[(top + 6).min(N - 1)])
-                    - p.brightness[top]
-            }
+            Kind::DarkLine => 0.5 * (value[top.saturating_sub(6)] + value[(top + 6).min(N - 1)]) - value[top],
         };
         if height < MIN_STEP.max(MIN_STEP_SIGMAS * noise) {
             continue;
@@ -204,7 +241,7 @@ fn edge_kind(profiles: &[Profile], line: &impl Fn(&Profile) -> f64) -> (Kind, f6
             continue;
         }
         for (k, m) in mean.iter_mut().enumerate() {
-            *m += p.brightness[(middle - SPAN) as usize + k];
+            *m += p.tone[(middle - SPAN) as usize + k][0];
         }
         count += 1.0;
     }

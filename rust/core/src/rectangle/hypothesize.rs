@@ -13,6 +13,8 @@ use std::collections::BTreeMap;
 
 /// Two ends that belong to one side differ by no more than this, px, beyond the length of a profile block.
 const END_TOLERANCE_PX: f64 = 12.0;
+/// Scatter of a stripe's end about the edge, px, beyond the places that were not seen: the rounding takes 1 to 5 px.
+const END_SIGMA_PX: f64 = 3.0;
 /// Largest angle between a stripe and the box's edge: the head is rolled along the edges by eye, a tilted face shears.
 const MAX_ANGLE_RAD: f64 = 0.55;
 /// An image edge must be seen on this share of a side where the stripes end too ...
@@ -159,6 +161,8 @@ fn direction(ends: &[[End; 2]; 4], mm_per_px: f64) -> Option<f64> {
 struct Side {
     offset_mm: f64,
     at_end: bool,
+    /// Strength of the edge, less the farther it is from the stripes' ends.
+    nearness: f32,
 }
 
 /// Offsets at which a side may lie; the one at the stripes' ends first.
@@ -205,27 +209,29 @@ fn side_candidates(
     let mut sides = Vec::new();
     if consistent {
         let middle = 0.5 * sign * (offsets[0] + offsets[1]);
-        // Near the ends the strongest edge, a little less the farther it is from them.
-        let near = |e: &EdgeCandidate| {
-            let t = (e.offset_mm - middle) / (0.5 * tolerance);
-            e.strength / (1.0 + (t * t) as f32)
-        };
+        // Near the ends the strongest edge, less the farther it is from them.
+        let spread = (END_SIGMA_PX + 0.18 * (pair[0].uncertainty_px + pair[1].uncertainty_px)) * px;
+        let near = |e: &EdgeCandidate| e.strength / (1.0 + ((e.offset_mm - middle) / spread).powi(2) as f32);
         let mut snapped: Vec<&EdgeCandidate> = edges
             .iter()
             .filter(|e| (e.offset_mm - middle).abs() <= tolerance && e.strength >= SUPPORT_AT_ENDS)
             .collect();
         snapped.sort_by(|x, y| near(y).total_cmp(&near(x)));
         snapped.truncate(KEEP_AT_ENDS);
-        sides.extend(snapped.iter().map(|e| Side { offset_mm: e.offset_mm, at_end: true }));
+        sides.extend(snapped.iter().map(|e| Side {
+            offset_mm: e.offset_mm,
+            at_end: true,
+            nearness: near(e),
+        }));
         if sides.is_empty() {
-            sides.push(Side { offset_mm: middle, at_end: true });
+            sides.push(Side { offset_mm: middle, at_end: true, nearness: 0.0 });
         }
     }
     let at_ends = sides.clone();
     for e in edges.iter().filter(|e| e.strength >= SUPPORT_ALONE) {
         let apart = at_ends.iter().all(|s| (e.offset_mm - s.offset_mm).abs() > END_TOLERANCE_PX * px);
         if sides.len() < KEEP && apart {
-            sides.push(Side { offset_mm: e.offset_mm, at_end: false });
+            sides.push(Side { offset_mm: e.offset_mm, at_end: false, nearness: 0.0 });
         }
     }
     Some(sides)
@@ -274,8 +280,7 @@ fn choose(
         });
         let needed = chosen.map(|s| if s.at_end { SUPPORT_AT_ENDS } else { SUPPORT_ALONE });
         let enough = support.iter().zip(needed).all(|(s, n)| *s >= n);
-        let score: f64 =
-            support.iter().zip(&chosen).map(|(s, c)| f64::from(*s) + if c.at_end { 0.25 } else { 0.0 }).sum();
+        let score: f64 = support.iter().zip(&chosen).map(|(s, c)| f64::from(s + c.nearness)).sum();
         if enough && best.as_ref().is_none_or(|(b, _)| score > *b) {
             let rough =
                 RoughRectangle { raster: *raster, offsets_mm, at_ends: chosen.map(|s| s.at_end), mm_per_px };
