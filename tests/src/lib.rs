@@ -1,1 +1,52 @@
-//! Harness of the recorded-frame tests.
+//! Harness of the recorded-frame tests: reads a folder of `tests/data` with its calibration and truth, and keeps today's
+//! results in `expected.json` beside them. What a folder must hold is not there: a panic, with its name.
+#![allow(clippy::missing_panics_doc)]
+
+mod expected;
+
+pub use expected::{check_expected, face_summary, report_summary};
+
+use boxline::{Calibration, Frame};
+use boxline_proto::json::{Recording, Truth, read_calibration, read_recording, read_truth};
+use std::path::{Path, PathBuf};
+
+/// A recording of `tests/data` with what belongs to it.
+#[derive(Debug)]
+pub struct Recorded {
+    /// Where it lies.
+    pub folder: PathBuf,
+    /// Its frames.
+    pub recording: Recording,
+    /// The calibration that it names.
+    pub calibration: Calibration,
+    /// What the scene was.
+    pub truth: Truth,
+}
+
+impl Recorded {
+    /// Reads `tests/data/<name>`.
+    #[must_use]
+    pub fn read(name: &str) -> Self {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("data").join(name);
+        let recording = read_recording(&folder).unwrap_or_else(|e| panic!("{name}: {e}"));
+        let calibration =
+            read_calibration(&recording.calibration_file).unwrap_or_else(|e| panic!("{name}: {e}"));
+        let truth = read_truth(&folder).unwrap_or_else(|e| panic!("{name}: {e}"));
+        let truth = truth.unwrap_or_else(|| panic!("{name}: no truth.json"));
+        Self { folder, recording, calibration, truth }
+    }
+
+    /// The bytes of a frame's file.
+    #[must_use]
+    pub fn jpeg(&self, id: &str) -> Vec<u8> {
+        let frame = self.recording.frames.iter().find(|f| f.id == id);
+        let file = &frame.unwrap_or_else(|| panic!("{}: no frame {id}", self.folder.display())).file;
+        std::fs::read(file).unwrap_or_else(|e| panic!("{}: {e}", file.display()))
+    }
+
+    /// A frame, decoded.
+    #[must_use]
+    pub fn frame(&self, id: &str) -> Frame {
+        Frame::from_jpeg(&self.jpeg(id)).unwrap_or_else(|e| panic!("{} {id}: {e}", self.folder.display()))
+    }
+}

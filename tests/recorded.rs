@@ -1,0 +1,209 @@
+//! The recorded frames of `tests/data`: measured as truth demands, refused as truth demands, and today as yesterday.
+#![allow(clippy::unwrap_used)] // the helpers of tests are tests
+
+use boxline::{
+    BoxReport, ErrorKind, Estimate, FaceOutcome, Frame, Method, Outcome, Reject, Settings, measure_box,
+    measure_face,
+};
+use boxline_tests::{Recorded, check_expected, face_summary, report_summary};
+use serde_json::Map;
+
+/// What an error may be: mm, and in units of its own sigma.
+#[derive(Clone, Copy)]
+struct Limits {
+    mm: f64,
+    sigmas: f64,
+}
+
+/// The paper's promise; and beyond four of its own sigmas an error makes the sigma a lie.
+const PROMISED: Limits = Limits { mm: 5.0, sigmas: 4.0 };
+/// Eight points do not hold the promise where the sun drowns the stripes: the paper's way is kept for comparison, and its
+/// miss is pinned here so that it cannot grow.
+const KEYPOINTS_IN_THE_SUN: Limits = Limits { mm: 6.5, sigmas: 4.2 };
+
+const METHODS: [(&str, Method); 2] = [("fit", Method::Fit), ("keypoints", Method::Keypoints)];
+
+fn settings(method: Method) -> Settings {
+    Settings { method, ..Settings::default() }
+}
+
+fn measure(first: &Frame, second: &Frame, recorded: &Recorded, settings: &Settings) -> BoxReport {
+    measure_box(first, second, &recorded.calibration, settings, &mut Vec::new()).unwrap()
+}
+
+fn check_side(what: &str, found: Estimate, truth_mm: f64, limits: Limits) {
+    let error_mm = found.value_mm - truth_mm;
+    let shown = format!("{what}: {:.2} +- {:.2} mm, truth {truth_mm}", found.value_mm, found.sigma_mm);
+    assert!(error_mm.abs() <= limits.mm, "{shown}");
+    assert!(error_mm.abs() <= limits.sigmas * found.sigma_mm, "{shown}");
+}
+
+/// Measures a box with both methods, against truth and against `expected.json`.
+fn check_box(name: &str, may_be_refused: bool) {
+    let recorded = Recorded::read(name);
+    let (a, b) = (recorded.frame("a"), recorded.frame("b"));
+    let mut results = Map::new();
+    for (method_name, method) in METHODS {
+        let limits =
+            if may_be_refused && method == Method::Keypoints { KEYPOINTS_IN_THE_SUN } else { PROMISED };
+        let report = measure(&a, &b, &recorded, &settings(method));
+        results.insert(method_name.to_owned(), report_summary(&report));
+        for (face, id) in report.faces.iter().zip(["a", "b"]) {
+            let FaceOutcome::Measured(face) = face else { continue };
+            let truth = recorded.truth.faces.iter().find(|t| t.frame == id).unwrap();
+            for (found, truth_mm) in [face.length, face.width].into_iter().zip(truth.size_mm.unwrap()) {
+                check_side(&format!("{name} {id}, {method_name}"), found, truth_mm, limits);
+            }
+        }
+        match report.outcome {
+            Outcome::Measured(sides) => {
+                let found = [sides.length, sides.width, sides.height];
+                for (found, truth_mm) in found.into_iter().zip(recorded.truth.box_mm.unwrap()) {
+                    check_side(&format!("{name}, {method_name}"), found, truth_mm, limits);
+                }
+            }
+            Outcome::Rejected(_) if may_be_refused => {}
+            other => panic!("{name}, {method_name}: {other:?}"),
+        }
+    }
+    check_expected(&recorded.folder, &results);
+}
+
+#[test]
+fn recorded_b01() {
+    check_box("b01", false);
+}
+
+#[test]
+fn recorded_b02() {
+    check_box("b02", false);
+}
+
+#[test]
+fn recorded_b03() {
+    check_box("b03", false);
+}
+
+#[test]
+fn recorded_b04() {
+    check_box("b04", false);
+}
+
+/// In the sun a single pixel's noise hides the stripes: a refusal is honest there, a wrong number is not.
+#[test]
+fn recorded_b05() {
+    check_box("b05", true);
+}
+
+#[test]
+fn recorded_b06() {
+    check_box("b06", false);
+}
+
+#[test]
+fn recorded_refusals_give_the_right_reason() {
+    let recorded = Recorded::read("refuse");
+    assert!(recorded.truth.must_refuse);
+    let mut results = Map::new();
+    for (method_name, method) in METHODS {
+        for truth in &recorded.truth.faces {
+            let frame = recorded.frame(&truth.frame);
+            let face =
+                measure_face(&frame, &recorded.calibration, &settings(method), &mut Vec::new()).unwrap();
+            let FaceOutcome::Rejected(reject) = &face else { panic!("{}: {face:?}", truth.frame) };
+            assert_eq!(Some(reject.reason()), truth.refuse.as_deref(), "{}: {reject}", truth.frame);
+            results.insert(format!("{} {method_name}", truth.frame), face_summary(&face));
+        }
+    }
+    check_expected(&recorded.folder, &results);
+}
+
+/// Without laser light there is nothing to measure, however good the edges.
+#[test]
+fn recorded_frames_with_the_lasers_off_are_refused() {
+    for name in ["b02", "b03"] {
+        let recorded = Recorded::read(name);
+        for id in ["a_off", "b_off"] {
+            let face = measure_face(
+                &recorded.frame(id),
+                &recorded.calibration,
+                &Settings::default(),
+                &mut Vec::new(),
+            )
+            .unwrap();
+            let FaceOutcome::Rejected(reject) = &face else { panic!("{name} {id}: {face:?}") };
+            assert_eq!(reject.reason(), "no_box", "{name} {id}: {reject}");
+        }
+    }
+}
+
+#[test]
+fn recorded_one_face_twice_is_ambiguous_until_chosen() {
+    let recorded = Recorded::read("b02");
+    let a = recorded.frame("a");
+    let report = measure(&a, &a, &recorded, &Settings::default());
+    let Outcome::Ambiguous(candidates) = report.outcome else { panic!("{:?}", report.outcome) };
+    let [length, width] = recorded.truth.faces[0].size_mm.unwrap();
+    let mut truths = [[length, length, width], [length, width, width]];
+    if (candidates[0].width.value_mm - length).abs() > PROMISED.mm {
+        truths.reverse();
+    }
+    for (i, (candidate, truth)) in candidates.iter().zip(truths).enumerate() {
+        for (found, truth_mm) in [candidate.length, candidate.width, candidate.height].into_iter().zip(truth)
+        {
+            check_side(&format!("candidate {}", i + 1), found, truth_mm, PROMISED);
+        }
+        let chosen = measure(&a, &a, &recorded, &Settings { choose: Some(i), ..Settings::default() });
+        assert_eq!(chosen.outcome, Outcome::Measured(*candidate));
+    }
+}
+
+#[test]
+fn recorded_faces_of_two_boxes_share_no_side() {
+    let (one, other) = (Recorded::read("b02"), Recorded::read("b04"));
+    let report = measure(&one.frame("a"), &other.frame("b"), &one, &Settings::default());
+    let Outcome::Rejected(Reject::SidesDisagree { first, second, limit_mm }) = report.outcome else {
+        panic!("{:?}", report.outcome)
+    };
+    assert!((first.value_mm - second.value_mm).abs() > limit_mm);
+    assert!(report.faces.iter().all(|f| matches!(f, FaceOutcome::Measured(_))));
+}
+
+#[test]
+fn recorded_frames_of_another_size_do_not_fit_the_calibration() {
+    let recorded = Recorded::read("b02");
+    let whole = recorded.frame("a");
+    let rows = whole.height_px() - 2;
+    let rgb = whole.rgb()[..whole.width_px() * rows * 3].to_vec();
+    let cut = Frame::from_rgb(whole.width_px(), rows, rgb).unwrap();
+    let error =
+        measure_box(&whole, &cut, &recorded.calibration, &Settings::default(), &mut Vec::new()).unwrap_err();
+    assert_eq!(error.kind(), ErrorKind::CalibrationMismatch);
+    let text = error.to_string();
+    assert!(
+        text.contains("second frame") && text.contains("2592 x 1942") && text.contains("2592 x 1944"),
+        "{text}"
+    );
+}
+
+/// A frame is whole or an error. A flipped bit may still give a picture, never a panic.
+#[test]
+fn recorded_jpegs_that_are_torn_or_flipped_are_errors_or_pictures() {
+    let jpeg = Recorded::read("b04").jpeg("a");
+    for share in [0.0001, 0.01, 0.3, 0.9, 0.999] {
+        let torn = &jpeg[..(jpeg.len() as f64 * share) as usize];
+        let error = Frame::from_jpeg(torn).unwrap_err();
+        assert_eq!(error.kind(), ErrorKind::InvalidFrame, "{share}: {error}");
+    }
+    let mut state = 1u32;
+    for _ in 0..60 {
+        let mut flipped = jpeg.clone();
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        // Half of the flips hit the headers, where they do most harm.
+        let range = if state & 0x100 == 0 { 700 } else { jpeg.len() };
+        flipped[state as usize % range] ^= 1 << (state >> 29);
+        if let Err(e) = Frame::from_jpeg(&flipped) {
+            assert_eq!(e.kind(), ErrorKind::InvalidFrame);
+        }
+    }
+}
