@@ -21,6 +21,9 @@ const MAX_ANGLE_RAD: f64 = 0.55;
 const SUPPORT_AT_ENDS: f32 = 0.35;
 /// ... and on this share where only the image tells: print and tape seldom fill 16 segments.
 const SUPPORT_ALONE: f32 = 0.75;
+/// An edge seen on this share of a side at the stripes' ends is the face's; worth more than all supports together.
+const CLEAR_SUPPORT: f32 = 0.6;
+const SETTLED_WORTH: f64 = 10.0;
 /// Candidates kept per side, and how many of them at the ends of the stripes.
 const KEEP: usize = 4;
 const KEEP_AT_ENDS: usize = 3;
@@ -280,12 +283,16 @@ fn choose(
         });
         let needed = chosen.map(|s| if s.at_end { SUPPORT_AT_ENDS } else { SUPPORT_ALONE });
         let enough = support.iter().zip(needed).all(|(s, n)| *s >= n);
-        let score: f64 = support.iter().zip(&chosen).map(|(s, c)| f64::from(s + c.nearness)).sum();
+        // Where the stripes end and an edge is seen, that edge is the face's: other lines count only elsewhere.
+        let settled = support.iter().zip(&chosen).filter(|(s, c)| c.at_end && **s >= CLEAR_SUPPORT).count();
+        let sum: f64 = support.iter().zip(&chosen).map(|(s, c)| f64::from(s + c.nearness)).sum();
+        let score = SETTLED_WORTH * settled as f64 + sum;
         if enough && best.as_ref().is_none_or(|(b, _)| score > *b) {
             let rough =
                 RoughRectangle { raster: *raster, offsets_mm, at_ends: chosen.map(|s| s.at_end), mm_per_px };
-            let certain =
-                combination == [0; 4] && rough.at_ends == [true; 4] && support.iter().all(|s| *s > 0.6);
+            let certain = combination == [0; 4]
+                && rough.at_ends == [true; 4]
+                && support.iter().all(|s| *s >= CLEAR_SUPPORT);
             best = Some((score, rough));
             if certain {
                 break;
