@@ -79,7 +79,7 @@ fn compare(expected: &Value, found: &Value, tolerance: f64, path: &str, differen
     match (expected, found) {
         (Value::Number(e), Value::Number(f)) => {
             let (e, f) = (e.as_f64().unwrap_or(f64::NAN), f.as_f64().unwrap_or(f64::NAN));
-            if !((e - f).abs() <= tolerance) {
+            if (e - f).abs() > tolerance || e.is_nan() || f.is_nan() {
                 differences.push(format!("{path}: {f}, expected {e}"));
             }
         }
