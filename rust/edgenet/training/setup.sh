@@ -17,8 +17,8 @@ if ! works; then
     "$python" -m pip install --quiet --no-cache-dir --no-deps "$torch"
     "$python" "$here/cuda_stubs.py" "$("$python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')" || true
 fi
-# pip warns that torch's own requirement triton is missing: it only compiles for GPUs.
-"$python" -m pip install --quiet --no-cache-dir -r "$here/requirements.txt"
+# Every package is listed there; --no-deps keeps pip from asking for the CUDA packages of torch again.
+"$python" -m pip install --quiet --no-cache-dir --no-deps -r "$here/requirements.txt"
 if ! works; then
     echo "setup: the CUDA-less torch does not start; installing all of it (about 2.9 GB to download)" >&2
     "$python" -m pip uninstall --quiet --yes torch
