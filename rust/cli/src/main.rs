@@ -1,2 +1,93 @@
-//! The `boxline` program.
-fn main() {}
+//! The `boxline` program: parses the command line, calls the library, prints. What it measures is in `rust/core`, the file
+//! formats are in `proto`; here are only the text, the table of `evaluate` and the overlay picture.
+//!
+//! Exit codes: 0 measured, 2 broken input or usage, 3 refused, 4 two boxes possible. Results go to standard output, errors to
+//! standard error. With `--json` standard output holds exactly one object, also after an error:
+//! `{"outcome": "error", "error": {"kind": "invalid_frame", "text": "a.jpg: ..."}}`.
+
+mod args;
+mod evaluate;
+mod input;
+mod measure;
+mod overlay;
+mod text;
+
+use args::{Args, Command};
+use boxline::ErrorKind;
+use clap::Parser;
+use serde_json::json;
+use std::io::Write;
+use std::process::ExitCode;
+
+const BROKEN_INPUT: u8 = 2;
+
+/// What a command has to say when it is done: nothing is printed before, so a failure leaves no half output.
+struct Finished {
+    stdout: String,
+    exit_code: u8,
+}
+
+fn main() -> ExitCode {
+    let wants_json = std::env::args_os().any(|argument| argument == "--json");
+    let args = match Args::try_parse() {
+        Ok(args) => args,
+        Err(e) if e.use_stderr() => {
+            let text = e.render();
+            return fail("usage", text.to_string().trim_end().trim_start_matches("error: "), wants_json);
+        }
+        Err(help) => return print(&help.render().to_string(), 0),
+    };
+    let finished = match args.command {
+        Command::Measure(args) => measure::measure(&args),
+        Command::Face(args) => measure::face(&args),
+        Command::Evaluate(args) => evaluate::evaluate(&args),
+    };
+    match finished {
+        Ok(Finished { stdout, exit_code }) => print(&stdout, exit_code),
+        Err(e) => fail(kind_of(&e), &format!("{e:#}"), wants_json),
+    }
+}
+
+fn print(text: &str, exit_code: u8) -> ExitCode {
+    let mut stdout = std::io::stdout().lock();
+    match stdout.write_all(text.trim_end().as_bytes()).and_then(|()| stdout.write_all(b"\n")) {
+        // A reader that has seen enough (`| head`) is no failure.
+        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
+            eprintln!("error: cannot write the result: {e}");
+            ExitCode::from(BROKEN_INPUT)
+        }
+        _ => ExitCode::from(exit_code),
+    }
+}
+
+fn fail(kind: &str, text: &str, wants_json: bool) -> ExitCode {
+    eprintln!("error: {text}");
+    if wants_json {
+        return print(
+            &json!({"outcome": "error", "error": {"kind": kind, "text": text}}).to_string(),
+            BROKEN_INPUT,
+        );
+    }
+    ExitCode::from(BROKEN_INPUT)
+}
+
+/// The stable name of an error's kind, as in `--json`.
+fn kind_of(error: &anyhow::Error) -> &'static str {
+    if let Some(error) = error.downcast_ref::<boxline::Error>() {
+        return match error.kind() {
+            ErrorKind::InvalidCalibration => "invalid_calibration",
+            ErrorKind::CalibrationMismatch => "calibration_mismatch",
+            ErrorKind::InvalidFrame => "invalid_frame",
+            ErrorKind::InvalidFile => "invalid_file",
+            ErrorKind::Io => "io",
+            _ => "other",
+        };
+    }
+    if error.downcast_ref::<input::Usage>().is_some() {
+        return "usage";
+    }
+    if error.chain().any(|cause| cause.is::<std::io::Error>() || cause.is::<image::ImageError>()) {
+        return "io";
+    }
+    "other"
+}

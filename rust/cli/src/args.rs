@@ -1,0 +1,171 @@
+//! The command line. Help texts here are what a user reads first: each command shows an example.
+
+use boxline::{EdgeMethod, Method, Settings};
+use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
+use std::path::PathBuf;
+
+const EXIT_CODES: &str =
+    "Exit codes: 0 measured, 2 broken input or usage, 3 refused, 4 two boxes are possible.";
+
+/// Measures boxes from pictures with four laser stripes
+#[derive(Parser)]
+#[command(name = "boxline", version, after_help = EXIT_CODES)]
+pub struct Args {
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+#[derive(Subcommand)]
+pub enum Command {
+    /// Measures a box from two frames of adjacent faces
+    #[command(after_help = format!("\
+Examples:
+  boxline measure tests/data/b02 --overlay b02.png
+  boxline measure a.jpg b.jpg --calibration calibration.json --json
+
+Without --json: sides in mm and the volume in cubic metres, each with one standard deviation, or why there is no result
+and what to do. With --json: one object on standard output, also after an error (\"outcome\": \"error\").
+{EXIT_CODES}"))]
+    Measure(MeasureArgs),
+    /// Measures one face from one frame
+    #[command(after_help = format!("\
+Example:
+  boxline face tests/data/b02/a.jpg --calibration tests/data/calibration_set/calibration.json --overlay face.png
+
+{EXIT_CODES}"))]
+    Face(FaceArgs),
+    /// Compares measurements with the known truth of recordings
+    #[command(after_help = "\
+Examples:
+  boxline evaluate tests/data
+  boxline evaluate tests/data/b01 tests/data/refuse --method both --json
+
+Reads folders that hold recording.json and truth.json, or parents of such folders. A recording whose truth has a box is
+measured as a pair of frames; any other recording frame by frame. Measuring where a refusal was due, and refusing where a
+measurement was due, is flagged as WRONG. Exit codes: 0 the evaluation ran, whatever it found; 2 broken input or usage.")]
+    Evaluate(EvaluateArgs),
+}
+
+#[derive(ClapArgs)]
+pub struct MeasureArgs {
+    /// A recording's folder, or two JPEG frames
+    #[arg(required = true, num_args = 1..=2, value_name = "FOLDER | A.jpg B.jpg")]
+    pub inputs: Vec<PathBuf>,
+    /// The head's calibration; for a folder it replaces the one that recording.json names
+    #[arg(long, value_name = "FILE")]
+    pub calibration: Option<PathBuf>,
+    #[command(flatten)]
+    pub how: How,
+    /// If both frames show sides of the same two lengths, two boxes are possible: take the first or the second
+    #[arg(long, value_name = "1|2", value_parser = clap::value_parser!(u8).range(1..=2))]
+    pub choose: Option<u8>,
+    #[command(flatten)]
+    pub output: Output,
+}
+
+#[derive(ClapArgs)]
+pub struct FaceArgs {
+    /// A JPEG frame
+    #[arg(value_name = "A.jpg")]
+    pub frame: PathBuf,
+    /// The head's calibration
+    #[arg(long, value_name = "FILE")]
+    pub calibration: PathBuf,
+    #[command(flatten)]
+    pub how: How,
+    #[command(flatten)]
+    pub output: Output,
+}
+
+#[derive(ClapArgs)]
+pub struct EvaluateArgs {
+    /// Recordings with truth.json, or folders of such recordings
+    #[arg(required = true, value_name = "FOLDER")]
+    pub folders: Vec<PathBuf>,
+    /// Replaces the calibration that each recording.json names
+    #[arg(long, value_name = "FILE")]
+    pub calibration: Option<PathBuf>,
+    /// How sides are computed; `both` shows the paper's way beside the fit
+    #[arg(long, value_enum, default_value_t = EvaluateMethod::Fit)]
+    pub method: EvaluateMethod,
+    /// How the edges of the face are found
+    #[arg(long, value_enum, default_value_t = EdgeName::Gradient)]
+    pub edges: EdgeName,
+    /// Print one JSON object
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(ClapArgs)]
+pub struct How {
+    /// How sides are computed: joint fit of a rectangle, or the paper's eight key points
+    #[arg(long, value_enum, default_value_t = MethodName::Fit)]
+    pub method: MethodName,
+    /// How the edges of the face are found: gradients along predicted edges, or the paper's Hough transform
+    #[arg(long, value_enum, default_value_t = EdgeName::Gradient)]
+    pub edges: EdgeName,
+}
+
+#[derive(ClapArgs)]
+pub struct Output {
+    /// Print one JSON object
+    #[arg(long)]
+    pub json: bool,
+    /// Write a picture that shows what was found (.png or .jpg)
+    #[arg(long, value_name = "FILE")]
+    pub overlay: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub enum MethodName {
+    Fit,
+    Keypoints,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub enum EvaluateMethod {
+    Fit,
+    Keypoints,
+    Both,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub enum EdgeName {
+    Gradient,
+    Hough,
+}
+
+impl How {
+    /// The library's settings.
+    pub fn settings(&self, choose: Option<u8>) -> Settings {
+        let method = match self.method {
+            MethodName::Fit => Method::Fit,
+            MethodName::Keypoints => Method::Keypoints,
+        };
+        Settings {
+            method,
+            edges: self.edges.into(),
+            choose: choose.map(|number| usize::from(number).saturating_sub(1)),
+        }
+    }
+}
+
+impl From<EdgeName> for EdgeMethod {
+    fn from(name: EdgeName) -> Self {
+        match name {
+            EdgeName::Gradient => Self::Gradient,
+            EdgeName::Hough => Self::Hough,
+        }
+    }
+}
+
+impl EvaluateMethod {
+    /// The methods to run, the product's own first.
+    pub fn methods(self) -> &'static [Method] {
+        match self {
+            Self::Fit => &[Method::Fit],
+            Self::Keypoints => &[Method::Keypoints],
+            Self::Both => &[Method::Fit, Method::Keypoints],
+        }
+    }
+}

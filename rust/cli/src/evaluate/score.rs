@@ -1,0 +1,278 @@
+//! What a result is worth beside the truth: errors of sides and pixels, and whether a refusal or a measurement was due.
+
+use boxline::{BoxMeasurement, Estimate, FaceMeasurement, FaceOutcome, Method, Outcome, Px};
+use boxline_proto::json::TruthFace;
+
+/// The paper's promise: no side is off by more. A measurement beyond it is wrong, not just inexact.
+pub const PROMISE_MM: f64 = 5.0;
+
+/// One recording, judged with one method.
+pub struct RecordingScore {
+    pub name: String,
+    pub method: Method,
+    /// The box, if the recording is of one.
+    pub cuboid: Option<BoxScore>,
+    pub faces: Vec<FaceScore>,
+    /// Nanoseconds a stage over all frames of the recording, decoding first.
+    pub stages: Vec<(String, u64)>,
+}
+
+/// A box beside the true one.
+pub struct BoxScore {
+    pub truth_mm: [f64; 3],
+    pub outcome: Outcome,
+    /// Both frames show sides of the same two lengths, so two candidates are the right answer.
+    pub two_are_right: bool,
+}
+
+/// A face beside the true one.
+pub struct FaceScore {
+    pub frame: String,
+    pub truth_mm: Option<[f64; 2]>,
+    /// The frame must be refused, for this reason if one is given.
+    pub refusal_due: Option<Option<String>>,
+    pub outcome: FaceOutcome,
+    pub corners: Option<Distances>,
+    pub key_points: Option<Distances>,
+}
+
+/// How far points are from where they belong.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Distances {
+    pub rms_px: f64,
+    pub worst_px: f64,
+}
+
+/// The judgement of a result.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Verdict {
+    /// As it should be.
+    Right,
+    /// Refused as it should be, but for another reason.
+    OtherReason,
+    /// Two candidates although the frames tell the box.
+    Undecided,
+    /// A result where a refusal was due.
+    MeasuredInsteadOfRefused,
+    /// A refusal where a result was due.
+    RefusedInsteadOfMeasured,
+    /// A result that is off by more than the promise.
+    TooFarOff(f64),
+}
+
+impl Verdict {
+    /// For tables and JSON.
+    pub fn text(&self) -> String {
+        match self {
+            Self::Right => "right".into(),
+            Self::OtherReason => "right, but for another reason".into(),
+            Self::Undecided => "undecided".into(),
+            Self::MeasuredInsteadOfRefused => "WRONG: measured, a refusal was due".into(),
+            Self::RefusedInsteadOfMeasured => "WRONG: refused, a measurement was due".into(),
+            Self::TooFarOff(error_mm) => format!("WRONG: off by {error_mm:.1} mm"),
+        }
+    }
+
+    /// Is it one that must not happen?
+    pub fn is_wrong(&self) -> bool {
+        matches!(self, Self::MeasuredInsteadOfRefused | Self::RefusedInsteadOfMeasured | Self::TooFarOff(_))
+    }
+}
+
+impl BoxScore {
+    /// The measurement; of two candidates the one that is nearer to the truth.
+    pub fn measurement(&self) -> Option<BoxMeasurement> {
+        match &self.outcome {
+            Outcome::Measured(m) => Some(*m),
+            Outcome::Ambiguous(both) => both.iter().copied().min_by(|a, b| {
+                worst(&errors_of(a, self.truth_mm)).total_cmp(&worst(&errors_of(b, self.truth_mm)))
+            }),
+            Outcome::Rejected(_) => None,
+        }
+    }
+
+    /// Measured minus true, length, width, height, mm.
+    pub fn errors_mm(&self) -> Option<[f64; 3]> {
+        self.measurement().map(|m| errors_of(&m, self.truth_mm))
+    }
+
+    pub fn verdict(&self) -> Verdict {
+        match (&self.outcome, self.errors_mm()) {
+            (Outcome::Rejected(_), _) => Verdict::RefusedInsteadOfMeasured,
+            (_, Some(errors)) if is_too_far_off(&errors) => Verdict::TooFarOff(worst(&errors)),
+            (Outcome::Ambiguous(_), _) if !self.two_are_right => Verdict::Undecided,
+            _ => Verdict::Right,
+        }
+    }
+}
+
+impl FaceScore {
+    /// Compares a face with the truth.
+    pub fn new(truth: &TruthFace, must_refuse: bool, outcome: FaceOutcome) -> Self {
+        let refused = must_refuse || truth.refuse.is_some() || truth.size_mm.is_none();
+        let measured = match &outcome {
+            FaceOutcome::Measured(face) => Some(face.as_ref()),
+            FaceOutcome::Rejected(_) => None,
+        };
+        let corners = measured.zip(truth.corners_px).map(|(face, true_px)| corner_distances(face, true_px));
+        let key_points = measured.and_then(|face| key_point_distances(face, truth));
+        Self {
+            frame: truth.frame.clone(),
+            truth_mm: truth.size_mm,
+            refusal_due: refused.then(|| truth.refuse.clone()),
+            outcome,
+            corners,
+            key_points,
+        }
+    }
+
+    /// The measured sides.
+    pub fn sides(&self) -> Option<[Estimate; 2]> {
+        match &self.outcome {
+            FaceOutcome::Measured(m) => Some([m.length, m.width]),
+            FaceOutcome::Rejected(_) => None,
+        }
+    }
+
+    /// Measured minus true, length and width, mm.
+    pub fn errors_mm(&self) -> Option<[f64; 2]> {
+        let (sides, truth) = self.sides().zip(self.truth_mm)?;
+        Some([sides[0].value_mm - truth[0], sides[1].value_mm - truth[1]])
+    }
+
+    pub fn verdict(&self) -> Verdict {
+        match (&self.outcome, &self.refusal_due, self.errors_mm()) {
+            (FaceOutcome::Rejected(reject), Some(Some(due)), _) if due != reject.reason() => {
+                Verdict::OtherReason
+            }
+            (FaceOutcome::Rejected(_), None, _) => Verdict::RefusedInsteadOfMeasured,
+            (FaceOutcome::Measured(_), Some(_), _) => Verdict::MeasuredInsteadOfRefused,
+            (_, _, Some(errors)) if is_too_far_off(&errors) => Verdict::TooFarOff(worst(&errors)),
+            _ => Verdict::Right,
+        }
+    }
+}
+
+impl RecordingScore {
+    /// Everything in this recording that must not happen.
+    pub fn wrong(&self) -> Vec<String> {
+        let cuboid = self.cuboid.iter().map(|c| (self.name.clone(), c.verdict()));
+        let faces = self.faces.iter().map(|f| (format!("{}/{}", self.name, f.frame), f.verdict()));
+        cuboid
+            .chain(faces)
+            .filter(|(_, verdict)| verdict.is_wrong())
+            .map(|(name, verdict)| format!("{name} ({}): {}", method_name(self.method), verdict.text()))
+            .collect()
+    }
+}
+
+/// The name of a method as on the command line.
+pub fn method_name(method: Method) -> &'static str {
+    match method {
+        Method::Fit => "fit",
+        Method::Keypoints => "keypoints",
+    }
+}
+
+/// Errors with their standard deviations, summed up.
+#[derive(Default)]
+pub struct Statistics {
+    errors_mm: Vec<f64>,
+    sigmas_mm: Vec<f64>,
+}
+
+impl Statistics {
+    /// Adds one side.
+    pub fn add(&mut self, error_mm: f64, sigma_mm: f64) {
+        self.errors_mm.push(error_mm);
+        self.sigmas_mm.push(sigma_mm);
+    }
+
+    pub fn count(&self) -> usize {
+        self.errors_mm.len()
+    }
+
+    pub fn mean_mm(&self) -> f64 {
+        mean(self.errors_mm.iter().copied())
+    }
+
+    pub fn mean_absolute_mm(&self) -> f64 {
+        mean(self.errors_mm.iter().map(|e| e.abs()))
+    }
+
+    pub fn rms_mm(&self) -> f64 {
+        mean(self.errors_mm.iter().map(|e| e * e)).sqrt()
+    }
+
+    pub fn worst_mm(&self) -> f64 {
+        worst(&self.errors_mm)
+    }
+
+    pub fn within_promise(&self) -> usize {
+        self.errors_mm.iter().filter(|e| e.abs() <= PROMISE_MM).count()
+    }
+
+    /// Root mean square of error / sigma: 1 if the standard deviations are honest, more if they are too small.
+    pub fn error_in_sigmas(&self) -> f64 {
+        mean(self.errors_mm.iter().zip(&self.sigmas_mm).map(|(e, s)| (e / s).powi(2))).sqrt()
+    }
+}
+
+/// Puts several sets of distances together (each of equally many points).
+pub fn together(all: impl Iterator<Item = Distances> + Clone) -> Option<Distances> {
+    all.clone().next()?;
+    Some(Distances {
+        rms_px: mean(all.clone().map(|d| d.rms_px * d.rms_px)).sqrt(),
+        worst_px: all.map(|d| d.worst_px).fold(0.0, f64::max),
+    })
+}
+
+fn mean(values: impl Iterator<Item = f64>) -> f64 {
+    let (sum, count) = values.fold((0.0, 0.0), |(sum, count), value| (sum + value, count + 1.0));
+    sum / count
+}
+
+/// The largest absolute value; NaN if there is one, so that it cannot pass for a small error.
+fn worst(errors: &[f64]) -> f64 {
+    errors.iter().fold(0.0, |most, e| if e.is_nan() || most.is_nan() { f64::NAN } else { e.abs().max(most) })
+}
+
+fn is_too_far_off(errors_mm: &[f64]) -> bool {
+    let worst_mm = worst(errors_mm);
+    worst_mm.is_nan() || worst_mm > PROMISE_MM
+}
+
+fn errors_of(m: &BoxMeasurement, truth_mm: [f64; 3]) -> [f64; 3] {
+    [m.length.value_mm - truth_mm[0], m.width.value_mm - truth_mm[1], m.height.value_mm - truth_mm[2]]
+}
+
+fn distances(squared: &[f64]) -> Distances {
+    Distances { rms_px: mean(squared.iter().copied()).sqrt(), worst_px: worst(squared).sqrt() }
+}
+
+fn squared(found: Px, [u, v]: [f64; 2]) -> f64 {
+    found.distance_px(Px::new(u, v)).powi(2)
+}
+
+/// Corners may start anywhere and go round either way: the best of the eight ways counts.
+fn corner_distances(face: &FaceMeasurement, truth: [[f64; 2]; 4]) -> Distances {
+    let ways = (0..4).flat_map(|start| [1, 3].map(|step| (start, step)));
+    let all = ways.map(|(start, step)| {
+        distances(&[0, 1, 2, 3].map(|i| squared(face.corners_px[i], truth[(start + step * i) % 4])))
+    });
+    all.min_by(|a, b| a.rms_px.total_cmp(&b.rms_px))
+        .unwrap_or(Distances { rms_px: f64::NAN, worst_px: f64::NAN })
+}
+
+/// The two key points of a stripe come in no promised order.
+fn key_point_distances(face: &FaceMeasurement, truth: &TruthFace) -> Option<Distances> {
+    let mut all = Vec::new();
+    for (stripe, ends) in &truth.key_points_px {
+        let found = face.key_points_px.get(usize::from(*stripe).checked_sub(1)?)?;
+        let straight = [squared(found[0], ends[0]), squared(found[1], ends[1])];
+        let swapped = [squared(found[0], ends[1]), squared(found[1], ends[0])];
+        let better = if straight[0] + straight[1] <= swapped[0] + swapped[1] { straight } else { swapped };
+        all.extend(better);
+    }
+    (!all.is_empty()).then(|| distances(&all))
+}

@@ -1,0 +1,66 @@
+//! From paths to decoded frames and a calibration. Every complaint names the file.
+
+use boxline::{Error, ErrorKind, Frame};
+use boxline_proto::json::{Laser, RecordedFrame, Recording, Role};
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+/// Larger files are refused before memory is taken for them; a frame has about 2 MB.
+const MAX_BYTES: u64 = 64 * 1024 * 1024;
+
+/// A command line that parses but makes no sense.
+#[derive(Debug)]
+pub struct Usage(pub String);
+
+impl std::fmt::Display for Usage {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for Usage {}
+
+/// Reads and decodes a JPEG frame.
+pub fn read_frame(path: &Path) -> Result<Frame, Error> {
+    let name = path.display();
+    let failed =
+        |e: std::io::Error| Error::new(ErrorKind::Io, format!("{name}: cannot read: {e}")).with_source(e);
+    let mut bytes = Vec::new();
+    File::open(path).map_err(failed)?.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(failed)?;
+    if bytes.len() as u64 > MAX_BYTES {
+        return Err(Error::new(
+            ErrorKind::InvalidFrame,
+            format!("{name}: larger than {MAX_BYTES} bytes, the most that is allowed"),
+        ));
+    }
+    Frame::from_jpeg(&bytes).map_err(|e| e.in_context(name))
+}
+
+/// The two frames of a recording that make a measurement: `a` and `b`, or else the only two faces with the lasers on.
+pub fn pair(recording: &Recording) -> Result<[&RecordedFrame; 2], Error> {
+    let faces = lit_faces(recording);
+    let named = |id: &str| faces.iter().copied().find(|frame| frame.id == id);
+    if let (Some(a), Some(b)) = (named("a"), named("b")) {
+        return Ok([a, b]);
+    }
+    if let [first, second] = faces[..] {
+        return Ok([first, second]);
+    }
+    let found: Vec<_> = faces.iter().map(|frame| frame.id.as_str()).collect();
+    Err(Error::new(
+        ErrorKind::InvalidFile,
+        format!(
+            "{}: two face frames with the lasers on are needed, `a` and `b` or no others; found {}{}{}",
+            recording.folder.join("recording.json").display(),
+            found.len(),
+            if found.is_empty() { "" } else { ": " },
+            found.join(", "),
+        ),
+    ))
+}
+
+/// All frames of box faces with the lasers on.
+pub fn lit_faces(recording: &Recording) -> Vec<&RecordedFrame> {
+    recording.frames.iter().filter(|frame| frame.role == Role::Face && frame.laser == Laser::On).collect()
+}

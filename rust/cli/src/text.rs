@@ -1,0 +1,103 @@
+//! Results as text for people.
+
+use boxline::{BoxMeasurement, BoxReport, Estimate, FaceOutcome, Outcome, Reject};
+use std::fmt::Write;
+
+/// A box, in lines.
+pub fn of_box(report: &BoxReport, names: [&str; 2]) -> String {
+    let mut text = String::new();
+    match &report.outcome {
+        Outcome::Measured(measurement) => {
+            push(&mut text, &sides(measurement));
+            push(&mut text, "(± is one standard deviation)");
+        }
+        Outcome::Ambiguous([first, second]) => {
+            push(&mut text, "Two boxes are possible: both frames show sides of the same two lengths.");
+            push(&mut text, &format!("\nchoice 1\n{}\nchoice 2\n{}", sides(first), sides(second)));
+            push(
+                &mut text,
+                "What to do: settle it with --choose 1 or --choose 2, or take a frame of another face.",
+            );
+        }
+        Outcome::Rejected(reject) => push(&mut text, &refusal(reject)),
+    }
+    push(&mut text, "");
+    for (face, name) in report.faces.iter().zip(names) {
+        push(&mut text, &format!("frame {name}: {}", face_line(face)));
+    }
+    text
+}
+
+/// A single face, in lines.
+pub fn of_face(face: &FaceOutcome, name: &str) -> String {
+    let mut text = String::new();
+    match face {
+        FaceOutcome::Measured(m) => {
+            push(&mut text, &line("length", m.length));
+            push(&mut text, &line("width", m.width));
+            push(&mut text, "(± is one standard deviation)\n");
+        }
+        FaceOutcome::Rejected(reject) => push(&mut text, &format!("{}\n", refusal(reject))),
+    }
+    push(&mut text, &format!("frame {name}: {}", face_line(face)));
+    text
+}
+
+fn push(text: &mut String, line: &str) {
+    text.push_str(line);
+    text.push('\n');
+}
+
+fn sides(m: &BoxMeasurement) -> String {
+    let mut text = String::new();
+    for (name, side) in [("length", m.length), ("width", m.width), ("height", m.height)] {
+        push(&mut text, &line(name, side));
+    }
+    let volume = format!("{:.5}", m.volume.value_m3);
+    text.push_str(&format!("volume {volume:>9} m³ ± {:.5}", m.volume.sigma_m3));
+    text
+}
+
+fn line(name: &str, side: Estimate) -> String {
+    format!("{name:<6} {:>9.2} mm ± {:.2}", side.value_mm, side.sigma_mm)
+}
+
+fn face_line(face: &FaceOutcome) -> String {
+    let mut text = String::new();
+    let written = match face {
+        FaceOutcome::Measured(m) => write!(
+            text,
+            "face of {:.2} ± {:.2} x {:.2} ± {:.2} mm, residuals {:.2} px rms",
+            m.length.value_mm, m.length.sigma_mm, m.width.value_mm, m.width.sigma_mm, m.rms_px
+        ),
+        FaceOutcome::Rejected(reject) => write!(text, "{} ({reject})", reject.reason()),
+    };
+    written.expect("writing to a String cannot fail");
+    text
+}
+
+fn refusal(reject: &Reject) -> String {
+    let mut text = format!("Not measured: {reject}");
+    if let Some(advice) = advice(reject) {
+        text.push_str("\nWhat to do: ");
+        text.push_str(advice);
+    }
+    text
+}
+
+/// What to do about a refusal, where its own text does not say it.
+fn advice(reject: &Reject) -> Option<&'static str> {
+    Some(match reject {
+        Reject::NoBox { .. } => "point the head at one face of the box, so that all four stripes lie on it.",
+        Reject::StripeNotFound { .. } => {
+            "go closer or shade the face from the sun; see that all four lasers shine."
+        }
+        Reject::FaceNotPlanar { .. } => {
+            "press flaps down, take another face, or have the head calibrated again."
+        }
+        Reject::RectangleOpen { .. } => "look straighter at the face, with all its edges free and in view.",
+        Reject::NotARectangle { .. } => "see that the whole face is in view and nothing covers its edges.",
+        Reject::SidesDisagree { .. } => "take two faces of the same box that share an edge.",
+        _ => return None,
+    })
+}
