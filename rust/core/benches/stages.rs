@@ -1,5 +1,7 @@
 //! Time of each public step on a recorded frame: `cargo bench -p boxline`.
 
+#![allow(missing_docs)] // of the function that criterion_group! makes
+
 use boxline::{Calibration, Frame, Settings, measure_box, measure_face};
 use boxline_proto::json::{read_calibration, read_recording};
 use criterion::{Criterion, criterion_group, criterion_main};

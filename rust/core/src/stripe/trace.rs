@@ -271,3 +271,156 @@ pub(crate) fn measure_half_width_px(
     let below = even.iter().position(|y| y - level < 0.5 * top)?;
     Some((below as f64 * FOOT_PER_HALF_HEIGHT).clamp(HALF_WIDTHS_PX.0, HALF_WIDTHS_PX.1))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::CameraModel;
+    use proptest::prelude::*;
+
+    const WIDTH: usize = 648;
+    const HEIGHT: usize = 486;
+
+    /// The paper's head with a quarter of its pixels.
+    fn small_head() -> Calibration {
+        let camera = CameraModel {
+            fx: 614.7,
+            fy: 613.5,
+            skew: 0.0,
+            cx: 309.5,
+            cy: 257.8,
+            k1: -0.03415937,
+            k2: 0.321070446,
+        };
+        let lasers = [
+            [0.0079291, -0.00817394, 0.00018065, -1.0],
+            [0.01078476, -0.01121147, 0.00223845, -1.0],
+            [0.01037354, 0.00959161, 0.00170705, -1.0],
+            [0.00799885, 0.00730513, -0.00038506, -1.0],
+        ];
+        Calibration::new("test", [WIDTH as u32, HEIGHT as u32], camera, lasers).expect("a valid head")
+    }
+
+    /// A grey frame with the stripe of one laser on a plane, dark between two rows.
+    fn stripe_frame(
+        calibration: &Calibration,
+        plane: &Plane<Cam>,
+        id: LaserId,
+        width_px: f64,
+        dark_rows: std::ops::Range<usize>,
+    ) -> Frame {
+        let line = plane.per_mm - calibration.laser(id).per_mm;
+        let mut rgb = vec![40u8; WIDTH * HEIGHT * 3];
+        for (i, pixel) in rgb.chunks_exact_mut(3).enumerate() {
+            if dark_rows.contains(&(i / WIDTH)) {
+                continue;
+            }
+            let at = Px::new((i % WIDTH) as f64, (i / WIDTH) as f64);
+            let (ray, jacobian) = calibration.camera().ray_from_px_with_jacobian(at);
+            let distance_px = line.dot(&ray.xy1) / (jacobian.transpose() * line.xy()).norm();
+            pixel[0] = (40.0 + 150.0 * (-0.5 * (distance_px / width_px).powi(2)).exp()).round() as u8;
+        }
+        Frame::from_rgb(WIDTH, HEIGHT, rgb).expect("the size fits")
+    }
+
+    fn settings(rows: usize, width_px: f64, estimator: Estimator) -> TraceSettings {
+        TraceSettings {
+            rows,
+            search_px: 5.0,
+            min_signal_to_noise: 3.0,
+            half_width_px: 3.0 * width_px,
+            estimator,
+        }
+    }
+
+    fn whole(
+        calibration: &Calibration,
+        plane: &Plane<Cam>,
+        id: LaserId,
+    ) -> (StripeLine, std::ops::Range<f64>, Px) {
+        let line = StripeLine::new(calibration, id, plane);
+        let size = match line.walk {
+            Walk::Rows => HEIGHT,
+            Walk::Columns => WIDTH,
+        } as f64;
+        let (start, _) = line.px_at(calibration, 0.0, 300.0).expect("the line crosses the image");
+        (line, 0.0..size, start)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(32))]
+        #[test]
+        fn a_clean_stripe_is_found_where_its_laser_meets_the_plane(
+            laser in 1..=4u8, x in -0.3..0.3, y in -0.3..0.3, depth_mm in 700.0..2000.0, width_px in 1.5..4.0,
+            rows in prop::sample::select(vec![1usize, 4, 16])
+        ) {
+            let calibration = small_head();
+            let id = LaserId::new(laser).expect("1 to 4");
+            let plane = Plane::new(Vector3::new(x, y, 1.0) / depth_mm);
+            let frame = stripe_frame(&calibration, &plane, id, width_px, 0..0);
+            let (line, range, start) = whole(&calibration, &plane, id);
+            for estimator in [Estimator::CentreOfGravity, Estimator::Steger] {
+                let settings = settings(rows, width_px, estimator);
+                let points = trace(&frame, &calibration, &line, range.clone(), start, &settings);
+                prop_assert!(points.len() > 300 / rows, "{} points", points.len());
+                for p in &points {
+                    let found = p.found.expect("nothing hides it");
+                    prop_assert!(found.residual_px.abs() < 0.1, "{estimator:?}: {} px off", found.residual_px);
+                    prop_assert!(found.sigma_px > 0.0 && found.sigma_px < 0.5, "sigma {}", found.sigma_px);
+                }
+                prop_assert!(points.windows(2).all(|p| p[0].along_px < p[1].along_px));
+            }
+        }
+    }
+
+    #[test]
+    fn a_shadow_is_a_gap() {
+        let calibration = small_head();
+        let plane = Plane::new(Vector3::new(0.1, 0.1, 1.0) / 1000.0);
+        for id in LaserId::ALL {
+            let frame = stripe_frame(&calibration, &plane, id, 2.5, 200..260);
+            let (line, range, start) = whole(&calibration, &plane, id);
+            let settings = settings(4, 2.5, Estimator::CentreOfGravity);
+            for p in trace(&frame, &calibration, &line, range, start, &settings) {
+                let v = p.predicted.v;
+                if (212.0..248.0).contains(&v) {
+                    assert!(p.found.is_none(), "stripe {id} found in the dark at {:?}", p.predicted);
+                } else if !(185.0..275.0).contains(&v) {
+                    assert!(p.found.is_some(), "stripe {id} lost at {:?}", p.predicted);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_width_of_a_stripe_is_measured() {
+        let calibration = small_head();
+        let plane = Plane::new(Vector3::new(0.1, 0.1, 1.0) / 1000.0);
+        for width_px in [2.5, 4.0, 6.0] {
+            let pieces = LaserId::ALL.map(|id| whole(&calibration, &plane, id));
+            for (id, piece) in LaserId::ALL.into_iter().zip(pieces) {
+                let frame = stripe_frame(&calibration, &plane, id, width_px, 0..0);
+                let half = measure_half_width_px(&frame, &calibration, &[piece]).expect("a stripe");
+                // The foot of a bell, where it has fallen to 5 to 20 %: 1.8 to 2.5 widths from its middle.
+                assert!(
+                    (1.7 * width_px..3.0 * width_px).contains(&half),
+                    "stripe {id}: {half} for {width_px}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn nothing_is_found_where_nothing_is() {
+        let calibration = small_head();
+        let plane = Plane::new(Vector3::new(0.1, 0.1, 1.0) / 1000.0);
+        let frame = Frame::from_rgb(WIDTH, HEIGHT, vec![90; WIDTH * HEIGHT * 3]).expect("the size fits");
+        for id in LaserId::ALL {
+            let (line, range, start) = whole(&calibration, &plane, id);
+            let settings = settings(4, 2.5, Estimator::CentreOfGravity);
+            let points = trace(&frame, &calibration, &line, range.clone(), start, &settings);
+            assert!(points.iter().all(|p| p.found.is_none()));
+            assert_eq!(measure_half_width_px(&frame, &calibration, &[(line, range, start)]), None);
+        }
+    }
+}
