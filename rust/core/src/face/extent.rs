@@ -22,7 +22,6 @@ pub(crate) struct StripeEnd {
 /// A stripe on the face's plane.
 #[derive(Clone, Debug)]
 pub(crate) struct FaceStripe {
-    pub laser: LaserId,
     /// The lower and the upper end along the walk.
     pub ends: [StripeEnd; 2],
     /// All places along the whole line, on the plane or not.
@@ -335,5 +334,5 @@ fn follow(
         StripeEnd { at: px, uncertainty_px: spacing, at_border }
     };
     let ends = [place(begin, begin.checked_sub(1)), place(end - 1, (end < points.len()).then_some(end))];
-    Some(FaceStripe { laser: id, ends, points, on_plane: begin..end, inner_share, seen_share })
+    Some(FaceStripe { ends, points, on_plane: begin..end, inner_share, seen_share })
 }
