@@ -186,6 +186,43 @@ fn recorded_frames_of_another_size_do_not_fit_the_calibration() {
     );
 }
 
+/// Half the light, or noise that the recordings do not have (10 grey levels a pixel): right or refused, never wrong.
+#[test]
+fn recorded_frames_in_worse_light_are_right_or_refused() {
+    let mut wrong = Vec::new();
+    for name in ["b01", "b02", "b03", "b04", "b06"] {
+        let recorded = Recorded::read(name);
+        for truth in &recorded.truth.faces {
+            let frame = recorded.frame(&truth.frame);
+            let mut state = 1u32;
+            let mut uniform = || {
+                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                f64::from(state >> 8) / f64::from(1u32 << 24) - 0.5
+            };
+            let dim = frame.rgb().iter().map(|x| x / 2).collect();
+            // Three uniform numbers have a variance of 1/4.
+            let mut noisy = |x: u8| f64::from(x) + 20.0 * (uniform() + uniform() + uniform());
+            let noisy = frame.rgb().iter().map(|x| noisy(*x).clamp(0.0, 255.0) as u8).collect();
+            for (what, rgb) in [("dim", dim), ("noisy", noisy)] {
+                let worse = Frame::from_rgb(frame.width_px(), frame.height_px(), rgb).unwrap();
+                let face = measure_face(&worse, &recorded.calibration, &Settings::default(), &mut Vec::new())
+                    .unwrap();
+                let FaceOutcome::Measured(face) = face else { continue };
+                for (found, truth_mm) in [face.length, face.width].into_iter().zip(truth.size_mm.unwrap()) {
+                    let (value, sigma) = (found.value_mm, found.sigma_mm);
+                    if (value - truth_mm).abs() > PROMISED.mm.min(PROMISED.sigmas * sigma) {
+                        wrong.push(format!(
+                            "{name} {}, {what}: {value:.2} +- {sigma:.2} mm, truth {truth_mm}",
+                            truth.frame
+                        ));
+                    }
+                }
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "\n{}", wrong.join("\n"));
+}
+
 /// A frame is whole or an error. A flipped bit may still give a picture, never a panic.
 #[test]
 fn recorded_jpegs_that_are_torn_or_flipped_are_errors_or_pictures() {
