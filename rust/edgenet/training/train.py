@@ -125,7 +125,7 @@ def validate(model: nn.Module, task: Task, held_out: list[Frame], batch: int = 4
         image = image_of(np.stack([f.rgb for f in part]))
         labels = torch.from_numpy(np.stack([f.labels for f in part])).float().div_(255)
         output = model(image.contiguous(memory_format=torch.channels_last))
-        loss += float(task.loss(output, labels)) * len(part)
+        loss += task.loss(output, labels).item() * len(part)
         count += len(part)
         scores.add(task.prediction(output), labels, [f.meta for f in part])
     return {"loss": round(loss / count, 5), **scores.summary()}
@@ -216,7 +216,7 @@ class Trainer:
         self.sitting_step += 1
         self.images += options.batch
         follow(self.ema, self.model, self.step)
-        return float(loss)
+        return loss.item()
 
     def validate(self, held_out: list[Frame]) -> None:
         started = time.monotonic()
