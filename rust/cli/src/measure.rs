@@ -5,7 +5,7 @@ use crate::args::{FaceArgs, MeasureArgs, Output};
 use crate::input::{Usage, pair, read_frame};
 use crate::overlay::{self, Headline, View};
 use crate::text;
-use boxline::{FaceOutcome, Outcome, StageTimes, measure_box, measure_face};
+use boxline::{FaceOutcome, Frame, Outcome, StageTimes, measure_box, measure_face};
 use boxline_proto::json::{face_json, read_calibration, read_recording, report_json};
 use std::path::{Path, PathBuf};
 
@@ -13,20 +13,35 @@ const MEASURED: u8 = 0;
 const REFUSED: u8 = 3;
 const AMBIGUOUS: u8 = 4;
 
-/// Which files to read: frames with their names, and the calibration.
+/// Which files to read: frames with their names, the calibration, and the head that a recording names.
 struct Sources {
     frames: [(String, PathBuf); 2],
     calibration: PathBuf,
+    serial: Option<String>,
 }
 
 /// Runs `boxline measure`.
 pub fn measure(args: &MeasureArgs) -> anyhow::Result<Finished> {
-    let Sources { frames: [first, second], calibration } = sources(args)?;
+    let Sources { frames: [first, second], calibration, serial } = sources(args)?;
     check_overlay(&args.output, &[&first.1, &second.1, &calibration])?;
     let calibration = read_calibration(&calibration)?;
+    if let Some(serial) = serial.filter(|serial| serial != calibration.serial()) {
+        eprintln!(
+            "warning: the recording is of head {serial}, the calibration of head {}",
+            calibration.serial()
+        );
+    }
     let (frame_a, frame_b) = (read_frame(&first.1)?, read_frame(&second.1)?);
     let settings = args.how.settings(args.choose);
-    let report = measure_box(&frame_a, &frame_b, &calibration, &settings, &mut StageTimes::new())?;
+    let report =
+        measure_box(&frame_a, &frame_b, &calibration, &settings, &mut StageTimes::new()).map_err(|e| {
+            // The library knows frames, not files: the culprit is the one that does not fit.
+            let fits = |frame: &Frame| {
+                (frame.width_px(), frame.height_px())
+                    == (calibration.width_px() as usize, calibration.height_px() as usize)
+            };
+            e.in_context(if fits(&frame_a) { second.1.display() } else { first.1.display() })
+        })?;
     let names = [first.0.as_str(), second.0.as_str()];
 
     if let Some(path) = &args.output.overlay {
@@ -79,14 +94,17 @@ fn sources(args: &MeasureArgs) -> anyhow::Result<Sources> {
             let recording = read_recording(folder)?;
             let frames = pair(&recording)?.map(|frame| (frame.id.clone(), frame.file.clone()));
             let calibration = args.calibration.clone().unwrap_or_else(|| recording.calibration_file.clone());
-            Ok(Sources { frames, calibration })
+            Ok(Sources { frames, calibration, serial: Some(recording.serial) })
         }
         [first, second] => {
             let Some(calibration) = args.calibration.clone() else {
                 return Err(Usage("two frames need --calibration FILE".into()).into());
             };
-            let frames = [first, second].map(|path| (file_name(path), path.clone()));
-            Ok(Sources { frames, calibration })
+            let mut frames = [first, second].map(|path| (file_name(path), path.clone()));
+            if frames[0].0 == frames[1].0 {
+                frames = [first, second].map(|path| (path.display().to_string(), path.clone()));
+            }
+            Ok(Sources { frames, calibration, serial: None })
         }
         more => Err(Usage(format!("{} inputs, one folder or two frames are needed", more.len())).into()),
     }

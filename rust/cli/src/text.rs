@@ -1,7 +1,6 @@
 //! Results as text for people.
 
-use boxline::{BoxMeasurement, BoxReport, Estimate, FaceOutcome, Outcome, Reject};
-use std::fmt::Write;
+use boxline::{BoxMeasurement, BoxReport, Estimate, FaceOutcome, Outcome, Reject, Volume};
 
 /// A box, in lines.
 pub fn of_box(report: &BoxReport, names: [&str; 2]) -> String {
@@ -13,13 +12,13 @@ pub fn of_box(report: &BoxReport, names: [&str; 2]) -> String {
         }
         Outcome::Ambiguous([first, second]) => {
             push(&mut text, "Two boxes are possible: both frames show sides of the same two lengths.");
-            push(&mut text, &format!("\nchoice 1\n{}\nchoice 2\n{}", sides(first), sides(second)));
+            push(&mut text, &format!("\nchoice 1\n{}\n\nchoice 2\n{}\n", sides(first), sides(second)));
             push(
                 &mut text,
                 "What to do: settle it with --choose 1 or --choose 2, or take a frame of another face.",
             );
         }
-        Outcome::Rejected(reject) => push(&mut text, &refusal(reject)),
+        Outcome::Rejected(reject) => push(&mut text, &format!("box: {}", refusal(reject))),
     }
     push(&mut text, "");
     for (face, name) in report.faces.iter().zip(names) {
@@ -35,11 +34,11 @@ pub fn of_face(face: &FaceOutcome, name: &str) -> String {
         FaceOutcome::Measured(m) => {
             push(&mut text, &line("length", m.length));
             push(&mut text, &line("width", m.width));
-            push(&mut text, "(± is one standard deviation)\n");
+            push(&mut text, "(± is one standard deviation)");
+            push(&mut text, &format!("\nframe {name}: residuals {:.2} px rms", m.rms_px));
         }
-        FaceOutcome::Rejected(reject) => push(&mut text, &format!("{}\n", refusal(reject))),
+        FaceOutcome::Rejected(reject) => push(&mut text, &format!("frame {name}: {}", refusal(reject))),
     }
-    push(&mut text, &format!("frame {name}: {}", face_line(face)));
     text
 }
 
@@ -53,9 +52,15 @@ fn sides(m: &BoxMeasurement) -> String {
     for (name, side) in [("length", m.length), ("width", m.width), ("height", m.height)] {
         push(&mut text, &line(name, side));
     }
-    let volume = format!("{:.5}", m.volume.value_m3);
-    text.push_str(&format!("volume {volume:>9} m³ ± {:.5}", m.volume.sigma_m3));
+    text.push_str(&format!("volume {}", volume(m.volume)));
     text
+}
+
+/// A volume in m³ with as many digits as its standard deviation leaves sense in.
+pub fn volume(volume: Volume) -> String {
+    // Two digits of sigma; a NaN ends as 3.
+    let digits = (2.0 - volume.sigma_m3.log10().ceil()).clamp(3.0, 8.0) as usize;
+    format!("{:.digits$} m³ ± {:.digits$}", volume.value_m3, volume.sigma_m3)
 }
 
 fn line(name: &str, side: Estimate) -> String {
@@ -63,21 +68,17 @@ fn line(name: &str, side: Estimate) -> String {
 }
 
 fn face_line(face: &FaceOutcome) -> String {
-    let mut text = String::new();
-    let written = match face {
-        FaceOutcome::Measured(m) => write!(
-            text,
+    match face {
+        FaceOutcome::Measured(m) => format!(
             "face of {:.2} ± {:.2} x {:.2} ± {:.2} mm, residuals {:.2} px rms",
             m.length.value_mm, m.length.sigma_mm, m.width.value_mm, m.width.sigma_mm, m.rms_px
         ),
-        FaceOutcome::Rejected(reject) => write!(text, "{} ({reject})", reject.reason()),
-    };
-    written.expect("writing to a String cannot fail");
-    text
+        FaceOutcome::Rejected(reject) => format!("refused, {reject}"),
+    }
 }
 
 fn refusal(reject: &Reject) -> String {
-    let mut text = format!("Not measured: {reject}");
+    let mut text = format!("not measured, {reject}");
     if let Some(advice) = advice(reject) {
         text.push_str("\nWhat to do: ");
         text.push_str(advice);

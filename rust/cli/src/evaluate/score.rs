@@ -276,3 +276,106 @@ fn key_point_distances(face: &FaceMeasurement, truth: &TruthFace) -> Option<Dist
     }
     (!all.is_empty()).then(|| distances(&all))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use boxline::frames::{Plane, Point};
+    use boxline::{Reject, Volume};
+    use nalgebra::Vector3;
+
+    const CORNERS: [[f64; 2]; 4] = [[0.0, 0.0], [100.0, 0.0], [100.0, 60.0], [0.0, 60.0]];
+
+    fn px([u, v]: [f64; 2]) -> Px {
+        Px::new(u, v)
+    }
+
+    fn face(corners: [[f64; 2]; 4], key_points: [[f64; 2]; 2]) -> FaceMeasurement {
+        FaceMeasurement {
+            length: Estimate::new(100.0, 0.5),
+            width: Estimate::new(60.0, 0.5),
+            plane: Plane::new(Vector3::new(0.0, 0.0, 0.001)),
+            corners_px: corners.map(px),
+            corners: corners.map(|[u, v]| Point::new(u, v, 1000.0)),
+            key_points_px: [key_points.map(px); 4],
+            rms_px: 0.2,
+            stripe_points_px: Default::default(),
+            edge_points_px: Default::default(),
+        }
+    }
+
+    fn truth(size_mm: [f64; 2], refuse: Option<&str>) -> TruthFace {
+        TruthFace {
+            frame: "a".into(),
+            size_mm: Some(size_mm),
+            corners_px: Some(CORNERS),
+            key_points_px: [(2, [[10.0, 0.0], [10.0, 60.0]])].into(),
+            refuse: refuse.map(Into::into),
+            ..TruthFace::default()
+        }
+    }
+
+    #[test]
+    fn corners_may_start_anywhere_and_go_either_way() {
+        let shift = |corners: [[f64; 2]; 4]| corners.map(|[u, v]| [u + 3.0, v + 4.0]);
+        let [a, b, c, d] = shift(CORNERS);
+        for order in [[a, b, c, d], [b, c, d, a], [d, a, b, c], [d, c, b, a], [a, d, c, b]] {
+            let found = corner_distances(&face(order, [[0.0; 2]; 2]), CORNERS);
+            assert!((found.rms_px - 5.0).abs() < 1e-9 && (found.worst_px - 5.0).abs() < 1e-9, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn key_points_of_a_stripe_come_in_any_order() {
+        for ends in [[[10.0, 0.0], [10.0, 62.0]], [[10.0, 62.0], [10.0, 0.0]]] {
+            let found = key_point_distances(&face(CORNERS, ends), &truth([100.0, 60.0], None)).unwrap();
+            assert!((found.worst_px - 2.0).abs() < 1e-9, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn verdicts_on_faces() {
+        let measured = || FaceOutcome::Measured(Box::new(face(CORNERS, [[0.0; 2]; 2])));
+        let refused = || FaceOutcome::Rejected(Reject::RectangleOpen { sides_found: 3 });
+        let verdict = |size, refuse, must_refuse, outcome| {
+            FaceScore::new(&truth(size, refuse), must_refuse, outcome).verdict()
+        };
+        assert_eq!(verdict([101.0, 60.0], None, false, measured()), Verdict::Right);
+        assert_eq!(verdict([100.0, 66.0], None, false, measured()), Verdict::TooFarOff(6.0));
+        assert_eq!(verdict([100.0, f64::NAN], None, false, measured()).text(), "WRONG: off by NaN mm");
+        assert_eq!(verdict([100.0, 60.0], None, true, measured()), Verdict::MeasuredInsteadOfRefused);
+        assert_eq!(verdict([100.0, 60.0], Some("no_box"), false, refused()), Verdict::OtherReason);
+        assert_eq!(verdict([100.0, 60.0], Some("rectangle_open"), true, refused()), Verdict::Right);
+        assert_eq!(verdict([100.0, 60.0], None, true, refused()), Verdict::Right);
+        assert_eq!(verdict([100.0, 60.0], None, false, refused()), Verdict::RefusedInsteadOfMeasured);
+    }
+
+    #[test]
+    fn two_candidates_are_right_only_if_the_frames_cannot_tell() {
+        let cuboid = |sides: [f64; 3]| {
+            let [length, width, height] = sides.map(|side| Estimate::new(side, 0.1));
+            BoxMeasurement { length, width, height, volume: Volume { value_m3: 0.1, sigma_m3: 0.01 } }
+        };
+        let both = [cuboid([500.0, 500.0, 300.0]), cuboid([500.0, 300.0, 300.0])];
+        let score = |two_are_right| BoxScore {
+            truth_mm: [500.5, 300.0, 300.0],
+            outcome: Outcome::Ambiguous(both),
+            two_are_right,
+        };
+        assert_eq!(score(true).errors_mm(), Some([-0.5, 0.0, 0.0]));
+        assert_eq!(score(true).verdict(), Verdict::Right);
+        assert_eq!(score(false).verdict(), Verdict::Undecided);
+    }
+
+    #[test]
+    fn statistics_of_known_numbers() {
+        let mut statistics = Statistics::default();
+        for (error_mm, sigma_mm) in [(3.0, 1.0), (-6.0, 2.0)] {
+            statistics.add(error_mm, sigma_mm);
+        }
+        assert_eq!((statistics.count(), statistics.within_promise()), (2, 1));
+        assert_eq!((statistics.mean_mm(), statistics.mean_absolute_mm()), (-1.5, 4.5));
+        assert_eq!((statistics.worst_mm(), statistics.error_in_sigmas()), (6.0, 3.0));
+        assert!((statistics.rms_mm() - 22.5_f64.sqrt()).abs() < 1e-12);
+    }
+}

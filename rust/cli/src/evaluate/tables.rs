@@ -26,7 +26,7 @@ pub fn text(scores: &[RecordingScore], methods: &[Method]) -> String {
     parts.push(("Time in ms", time_table(scores, methods)));
     let mut text = String::new();
     for (title, table) in parts {
-        text.push_str(&format!("{title}\n{table}\n\n"));
+        text.push_str(&format!("{title}\n{}\n\n", table.trim_fmt()));
     }
     let wrong: Vec<String> = scores.iter().flat_map(RecordingScore::wrong).collect();
     if wrong.is_empty() {
@@ -63,11 +63,11 @@ fn box_table(scores: &[RecordingScore]) -> Table {
         let true_m3 = volume_m3(truth);
         let mut row = vec![score.name.clone(), method_name(score.method).to_owned()];
         row.extend(truth.map(|side| format!("{side:.1}")));
-        row.push(format!("{true_m3:.5}"));
+        row.push(format!("{true_m3:.6}"));
         match cuboid.measurement().zip(cuboid.errors_mm()) {
             Some((m, errors)) => {
                 row.extend([m.length, m.width, m.height].map(|side| format!("{:.2}", side.value_mm)));
-                row.push(format!("{:.5}", m.volume.value_m3));
+                row.push(format!("{:.6}", m.volume.value_m3));
                 row.extend(errors.map(|error| format!("{:.2}", error.abs())));
                 row.push(format!("{:.3}", 100.0 * (m.volume.value_m3 - true_m3).abs() / true_m3));
                 row.push(match (cuboid.verdict(), &cuboid.outcome) {

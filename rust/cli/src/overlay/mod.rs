@@ -3,6 +3,7 @@
 
 mod canvas;
 
+use crate::text;
 use anyhow::Context;
 use boxline::{BoxMeasurement, Estimate, FaceMeasurement, FaceOutcome, Frame, Outcome, Px, Reject};
 use canvas::{Canvas, Color, DARK};
@@ -52,12 +53,11 @@ impl Headline {
             Outcome::Measured(m) => Self {
                 large: sides(m),
                 small: vec![format!(
-                    "±{:.2}  ±{:.2}  ±{:.2} mm (1σ),  volume {:.5} ±{:.5} m³",
+                    "±{:.2}  ±{:.2}  ±{:.2} mm (1σ),  volume {}",
                     m.length.sigma_mm,
                     m.width.sigma_mm,
                     m.height.sigma_mm,
-                    m.volume.value_m3,
-                    m.volume.sigma_m3
+                    text::volume(m.volume)
                 )],
                 color: GOOD,
             },
@@ -253,7 +253,8 @@ impl Panel {
         self.draw_length(canvas, face.width, [[corners[1], corners[2]], [corners[0], corners[3]]], middle);
     }
 
-    /// Writes a length along the one of two opposite sides beside which there is more room.
+    /// Writes a length along one of two opposite sides: outside the face, near the middle of the side, and where the
+    /// picture's border leaves room for it.
     fn draw_length(
         &self,
         canvas: &mut Canvas,
@@ -264,25 +265,29 @@ impl Panel {
         let size = 36.0 * self.marks;
         let text = format!("{:.1} ±{:.2} mm", length.value_mm, length.sigma_mm);
         let half_width = canvas.text_width(&text, size) / 2.0;
-        let placed = sides.map(|[from, to]| {
+        let mut best = (f32::INFINITY, face_middle, 0.0);
+        for (share, [from, to]) in
+            [0.5, 0.4, 0.6, 0.3, 0.7].into_iter().flat_map(|t| sides.map(|side| (t, side)))
+        {
             let along = unit([to[0] - from[0], to[1] - from[1]]);
             // Left to right, so that it never stands on its head.
             let along = if along[0] < 0.0 { [-along[0], -along[1]] } else { along };
-            let middle = mix(from, to, 0.5);
+            let beside = mix(from, to, share);
             let mut outward = [-along[1], along[0]];
-            if outward[0] * (middle[0] - face_middle[0]) + outward[1] * (middle[1] - face_middle[1]) < 0.0 {
+            if outward[0] * (beside[0] - face_middle[0]) + outward[1] * (beside[1] - face_middle[1]) < 0.0 {
                 outward = [-outward[0], -outward[1]];
             }
-            let offset = 58.0 * self.marks;
-            let wanted = [middle[0] + outward[0] * offset, middle[1] + outward[1] * offset];
+            let wanted = [0, 1].map(|axis| beside[axis] + outward[axis] * 58.0 * self.marks);
             // The text is turned with the side: its upright extent is a mix of its width and its height.
             let reach_x = half_width * along[0].abs() + size / 2.0 * along[1].abs();
             let reach_y = half_width * along[1].abs() + size / 2.0 * along[0].abs();
             let at = self.inside(wanted, reach_x, reach_y);
-            ((at[0] - wanted[0]).hypot(at[1] - wanted[1]), at, along[1].atan2(along[0]))
-        });
-        let [first, second] = placed;
-        let (_, at, angle_rad) = if second.0 < first.0 { second } else { first };
+            let moved = (at[0] - wanted[0]).hypot(at[1] - wanted[1]);
+            if moved < best.0 {
+                best = (moved, at, along[1].atan2(along[0]));
+            }
+        }
+        let (_, at, angle_rad) = best;
         canvas.text_centered(&text, size, at, angle_rad, WHITE);
     }
 

@@ -1,0 +1,414 @@
+//! The program from outside: exit codes, what is printed where, and that broken input leaves nothing behind.
+
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+fn data(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data").join(name)
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+fn boxline(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_boxline")).args(arguments).output().unwrap()
+}
+
+fn stdout(output: &Output) -> String {
+    String::from_utf8(output.stdout.clone()).unwrap()
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8(output.stderr.clone()).unwrap()
+}
+
+fn json(output: &Output) -> Value {
+    let text = stdout(output);
+    serde_json::from_str(&text)
+        .unwrap_or_else(|e| panic!("not one JSON object: {e}\n{text}\n{}", stderr(output)))
+}
+
+fn calibration() -> PathBuf {
+    data("calibration_set/calibration.json")
+}
+
+/// Runs a command with `--json` that must fail on its input, and returns what it says on standard error.
+fn fails(arguments: &[&str], kind: &str) -> String {
+    let output = boxline(&[arguments, &["--json"]].concat());
+    let said = stderr(&output);
+    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {said}");
+    assert!(said.starts_with("error: "), "{said}");
+    assert!(!said.contains("panicked"), "{said}");
+    let object = json(&output);
+    assert_eq!(object["outcome"], "error");
+    assert_eq!(object["error"]["kind"], kind, "{said}");
+    assert!(said.contains(object["error"]["text"].as_str().unwrap()), "{said}");
+
+    // Without --json, standard output is empty.
+    let output = boxline(arguments);
+    assert_eq!((output.status.code(), stdout(&output).as_str()), (Some(2), ""));
+    said
+}
+
+/// `boxline face` on a frame made of these bytes fails, names the file and leaves nothing beside it.
+fn broken_frame(bytes: &[u8], kind: &str) -> String {
+    let folder = tempfile::tempdir().unwrap();
+    let frame = folder.path().join("frame.jpg");
+    std::fs::write(&frame, bytes).unwrap();
+    let overlay = folder.path().join("overlay.png");
+    let said = fails(
+        &["face", text(&frame), "--calibration", text(&calibration()), "--overlay", text(&overlay)],
+        kind,
+    );
+    assert!(said.contains("frame.jpg"), "{said}");
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "something was left behind");
+    said
+}
+
+/// `boxline face` with the true calibration changed.
+fn broken_calibration(change: impl Fn(String) -> String, kind: &str) -> String {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("head.json");
+    std::fs::write(&file, change(std::fs::read_to_string(calibration()).unwrap())).unwrap();
+    let said = fails(&["face", text(&data("b02/a.jpg")), "--calibration", text(&file)], kind);
+    assert!(said.contains("head.json"), "{said}");
+    said
+}
+
+#[test]
+fn measures_a_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    let overlay = folder.path().join("b02.png");
+    let output = boxline(&["measure", text(&data("b02")), "--json", "--overlay", text(&overlay)]);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    assert_eq!(stderr(&output), "");
+    let object = json(&output);
+    assert_eq!(object["outcome"], "measured");
+    for (side, truth_mm) in [("length_mm", 550.6), ("width_mm", 350.5), ("height_mm", 300.0)] {
+        let value = object[side]["value"].as_f64().unwrap();
+        assert!((value - truth_mm).abs() < 5.0, "{side} is {value}");
+        assert!(object[side]["sigma"].as_f64().unwrap() > 0.0);
+    }
+    assert_eq!(object["faces"][0]["frame"], "a");
+    assert_eq!(object["faces"][1]["frame"], "b");
+    let picture = image::open(&overlay).unwrap();
+    assert_eq!(picture.width(), 1600);
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "a temporary file was left behind");
+}
+
+#[test]
+fn frames_and_folder_give_the_same_numbers() {
+    let folder = json(&boxline(&["measure", text(&data("b02")), "--json"]));
+    let [a, b] = ["b02/a.jpg", "b02/b.jpg"].map(data);
+    let frames =
+        json(&boxline(&["measure", text(&a), text(&b), "--calibration", text(&calibration()), "--json"]));
+    assert_eq!(folder["length_mm"], frames["length_mm"]);
+    assert_eq!(folder["volume_m3"], frames["volume_m3"]);
+    assert_eq!(frames["faces"][0]["frame"], "a.jpg");
+}
+
+#[test]
+fn says_it_in_words() {
+    let output = boxline(&["measure", text(&data("b02"))]);
+    let said = stdout(&output);
+    for word in ["length", "width", "height", "volume", "mm ±", "m³ ±", "frame a", "frame b"] {
+        assert!(said.contains(word), "{word} is missing in\n{said}");
+    }
+}
+
+#[test]
+fn a_refusal_ends_with_3_and_says_what_to_do() {
+    for (frame, reason) in [("r1", "stripe_missing"), ("r2", "face_cut_by_border"), ("r3", "no_box")] {
+        let file = data(&format!("refuse/{frame}.jpg"));
+        let calibration = calibration();
+        let arguments = ["face", text(&file), "--calibration", text(&calibration)];
+        let output = boxline(&[&arguments[..], &["--json"]].concat());
+        assert_eq!(output.status.code(), Some(3));
+        let object = json(&output);
+        assert_eq!(object["outcome"], "rejected");
+        assert_eq!(object["reject"]["reason"], reason);
+        assert!(object["length_mm"].is_null());
+
+        let output = boxline(&arguments);
+        assert_eq!(output.status.code(), Some(3));
+        assert!(stdout(&output).contains("not measured"), "{}", stdout(&output));
+    }
+}
+
+#[test]
+fn a_refusal_is_drawn_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let overlay = folder.path().join("r2.jpg");
+    let frame = data("refuse/r2.jpg");
+    let calibration = calibration();
+    let output =
+        boxline(&["face", text(&frame), "--calibration", text(&calibration), "--overlay", text(&overlay)]);
+    assert_eq!(output.status.code(), Some(3));
+    assert_eq!(image::open(&overlay).unwrap().width(), 1600);
+}
+
+#[test]
+fn the_same_face_twice_leaves_two_boxes() {
+    let a = data("b02/a.jpg");
+    let calibration = calibration();
+    let arguments = ["measure", text(&a), text(&a), "--calibration", text(&calibration), "--json"];
+    let output = boxline(&arguments);
+    assert_eq!(output.status.code(), Some(4), "{}", stderr(&output));
+    let object = json(&output);
+    assert_eq!(object["outcome"], "ambiguous");
+    assert_eq!(object["candidates"].as_array().unwrap().len(), 2);
+
+    for choice in ["1", "2"] {
+        let output = boxline(&[&arguments[..], &["--choose", choice]].concat());
+        assert_eq!(output.status.code(), Some(0));
+        let index: usize = choice.parse::<usize>().unwrap() - 1;
+        assert_eq!(json(&output)["length_mm"], object["candidates"][index]["length_mm"]);
+        assert_eq!(json(&output)["width_mm"], object["candidates"][index]["width_mm"]);
+    }
+}
+
+#[test]
+fn methods_can_be_chosen() {
+    for way in [["--method", "keypoints"], ["--edges", "hough"]] {
+        let output = boxline(&[&["measure", text(&data("b03")), "--json"][..], &way].concat());
+        assert!(matches!(output.status.code(), Some(0 | 3)), "{}", stderr(&output));
+        json(&output);
+    }
+}
+
+#[test]
+fn broken_frames() {
+    assert!(broken_frame(b"", "invalid_frame").contains("0 bytes"));
+    broken_frame(b"this is no picture", "invalid_frame");
+    broken_frame(&[0xff; 4096], "invalid_frame");
+    let whole = std::fs::read(data("b02/a.jpg")).unwrap();
+    broken_frame(&whole[..whole.len() / 2], "invalid_frame");
+    broken_frame(&whole[..200], "invalid_frame");
+}
+
+#[test]
+fn a_frame_of_another_size() {
+    let folder = tempfile::tempdir().unwrap();
+    let small = folder.path().join("small.jpg");
+    image::RgbImage::new(320, 240).save(&small).unwrap();
+    let a = data("b02/a.jpg");
+    let calibration = calibration();
+    let said = fails(&["face", text(&small), "--calibration", text(&calibration)], "calibration_mismatch");
+    assert!(said.contains("small.jpg") && said.contains("320 x 240"), "{said}");
+    for pair in [[text(&a), text(&small)], [text(&small), text(&a)]] {
+        let said = fails(
+            &["measure", pair[0], pair[1], "--calibration", text(&calibration)],
+            "calibration_mismatch",
+        );
+        assert!(said.contains("small.jpg"), "{said}");
+    }
+}
+
+#[test]
+fn missing_files() {
+    let (a, calibration) = (data("b02/a.jpg"), calibration());
+    let said = fails(&["measure", text(&a), "nowhere.jpg", "--calibration", text(&calibration)], "io");
+    assert!(said.contains("nowhere.jpg"), "{said}");
+    let said = fails(&["face", text(&a), "--calibration", "nowhere.json"], "io");
+    assert!(said.contains("nowhere.json"), "{said}");
+    assert!(fails(&["measure", "nowhere"], "io").contains("nowhere"));
+    assert!(fails(&["evaluate", "nowhere"], "io").contains("nowhere"));
+    // A folder in place of a frame.
+    fails(&["face", text(&data("b02")), "--calibration", text(&calibration)], "io");
+}
+
+#[test]
+fn broken_calibrations() {
+    let kind = "invalid_calibration";
+    broken_calibration(|_| String::new(), kind);
+    broken_calibration(|_| "[]".to_owned(), kind);
+    let said = broken_calibration(|text| text.replace("\"fx\"", "\"gx\""), kind);
+    assert!(said.contains("fx"), "{said}");
+    let said =
+        broken_calibration(|text| text.replace("boxline-calibration/1", "boxline-calibration/9"), kind);
+    assert!(said.contains("boxline-calibration/9"), "{said}");
+    let said = broken_calibration(|text| text.replacen("\"k1\":", "\"k1\": NaN, \"unused\":", 1), kind);
+    assert!(said.contains("k1"), "{said}");
+    let said = broken_calibration(|text| text.replacen("\"k2\":", "\"k2\": null, \"unused\":", 1), kind);
+    assert!(said.contains("k2"), "{said}");
+}
+
+/// A recording with this manifest, made of frames of b02.
+fn recording(frames: &str) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::copy(calibration(), folder.path().join("calibration.json")).unwrap();
+    for name in ["a.jpg", "b.jpg"] {
+        std::fs::copy(data("b02").join(name), folder.path().join(name)).unwrap();
+    }
+    let manifest = format!(
+        r#"{{"format": "boxline-recording/1", "device": {{"serial": "SIM-0001"}},
+            "calibration": "calibration.json", "frames": [{frames}]}}"#
+    );
+    std::fs::write(folder.path().join("recording.json"), manifest).unwrap();
+    folder
+}
+
+fn frame(id: &str, file: &str, laser: &str) -> String {
+    format!(r#"{{"id": "{id}", "file": "{file}", "role": "face", "laser": "{laser}"}}"#)
+}
+
+#[test]
+fn a_recording_needs_two_lit_faces() {
+    let other_names = recording(&[frame("top", "a.jpg", "on"), frame("side", "b.jpg", "on")].join(","));
+    let output = boxline(&["measure", text(other_names.path()), "--json"]);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    assert_eq!(json(&output)["faces"][0]["frame"], "top");
+
+    let one = recording(&[frame("a", "a.jpg", "on"), frame("b", "b.jpg", "off")].join(","));
+    let said = fails(&["measure", text(one.path())], "invalid_file");
+    assert!(said.contains("found 1: a"), "{said}");
+
+    let none = recording("");
+    let said = fails(&["measure", text(none.path())], "invalid_file");
+    assert!(said.contains("found 0"), "{said}");
+
+    let said = fails(&["measure", text(&data("refuse"))], "invalid_file");
+    assert!(said.contains("found 3: r1, r2, r3"), "{said}");
+
+    let gone = recording(&[frame("a", "a.jpg", "on"), frame("b", "gone.jpg", "on")].join(","));
+    let said = fails(&["measure", text(gone.path())], "io");
+    assert!(said.contains("gone.jpg"), "{said}");
+}
+
+#[test]
+fn a_calibration_of_another_head_is_pointed_out() {
+    let folder = recording(&[frame("a", "a.jpg", "on"), frame("b", "b.jpg", "on")].join(","));
+    let file = folder.path().join("calibration.json");
+    let other = std::fs::read_to_string(&file).unwrap().replace("SIM-0001", "SIM-0002");
+    std::fs::write(&file, other).unwrap();
+    let output = boxline(&["measure", text(folder.path()), "--json"]);
+    assert!(stderr(&output).starts_with("warning: "), "{}", stderr(&output));
+    assert_eq!(json(&output)["outcome"], "measured");
+}
+
+#[test]
+fn an_overlay_that_cannot_be_written() {
+    let (a, b, calibration) = (data("b02/a.jpg"), data("b02/b.jpg"), calibration());
+    let measure = |overlay: &str, kind: &str| {
+        fails(
+            &["measure", text(&a), text(&b), "--calibration", text(&calibration), "--overlay", overlay],
+            kind,
+        )
+    };
+    assert!(measure("picture.gif", "usage").contains("picture.gif"));
+    assert!(measure("no/such/folder/picture.png", "io").contains("picture.png"));
+    // An input is never overwritten.
+    let before = std::fs::read(&a).unwrap();
+    measure(text(&a), "usage");
+    assert_eq!(std::fs::read(&a).unwrap(), before);
+}
+
+#[test]
+fn usage_errors() {
+    let a = data("b02/a.jpg");
+    let calibration = calibration();
+    fails(&[], "usage");
+    fails(&["weigh"], "usage");
+    fails(&["measure"], "usage");
+    fails(&["measure", text(&a)], "usage");
+    fails(&["measure", text(&a), text(&a)], "usage");
+    fails(&["measure", text(&a), text(&a), text(&a), "--calibration", text(&calibration)], "usage");
+    fails(&["measure", text(&data("b02")), "--choose", "3"], "usage");
+    fails(&["measure", text(&data("b02")), "--method", "guess"], "usage");
+    fails(&["face", text(&a)], "usage");
+    fails(&["evaluate"], "usage");
+    let empty = tempfile::tempdir().unwrap();
+    fails(&["evaluate", text(empty.path())], "usage");
+}
+
+#[test]
+fn help_and_version() {
+    for arguments in [&["--help"][..], &["measure", "--help"], &["face", "--help"], &["evaluate", "--help"]] {
+        let output = boxline(arguments);
+        assert_eq!((output.status.code(), stderr(&output).as_str()), (Some(0), ""));
+        assert!(stdout(&output).contains("Usage: boxline"));
+        assert!(stdout(&output).contains("Exit codes"), "{}", stdout(&output));
+        assert!(arguments.len() == 1 || stdout(&output).contains("Example"), "{}", stdout(&output));
+    }
+    let output = boxline(&["--version"]);
+    assert_eq!(stdout(&output), format!("boxline {}\n", env!("CARGO_PKG_VERSION")));
+}
+
+#[test]
+fn evaluates_all_recordings() {
+    let output = boxline(&["evaluate", text(&data("")), "--method", "both", "--json"]);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    assert_eq!(stderr(&output), "", "progress is for terminals");
+    let object = json(&output);
+    let recordings = object["recordings"].as_array().unwrap();
+    let of = |name: &str, method: &str| {
+        recordings.iter().find(|r| r["recording"] == name && r["method"] == method).unwrap()
+    };
+    for method in ["fit", "keypoints"] {
+        assert_eq!(of("b02", method)["box"]["true_mm"][0], 550.6);
+        assert_eq!(of("b02", method)["box"]["error_mm"].as_array().unwrap().len(), 3);
+        assert!(of("b02", method)["times_ms"]["decode"].as_f64().unwrap() > 0.0);
+        assert!(of("b02", method)["faces"][0]["corners_px"]["rms"].as_f64().unwrap() < 20.0);
+        assert!(of("refuse", method)["box"].is_null());
+        assert_eq!(of("refuse", method)["faces"].as_array().unwrap().len(), 3);
+    }
+    assert!(!recordings.iter().any(|r| r["recording"] == "calibration_set"));
+    assert!(object["wrong"].is_array());
+    assert_eq!(object["summary"][0]["of"], "boxes");
+}
+
+#[test]
+fn evaluates_in_words() {
+    let output = boxline(&["evaluate", text(&data("b02")), text(&data("refuse"))]);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let said = stdout(&output);
+    for word in
+        ["Boxes", "Faces", "must be refused", "Errors in mm", "Time in ms", "550.6", "no_box", "decode"]
+    {
+        assert!(said.contains(word), "{word} is missing in\n{said}");
+    }
+}
+
+/// A truth that does not hold makes the evaluation shout.
+#[test]
+fn a_wrong_result_is_flagged() {
+    let folder = recording(&[frame("a", "a.jpg", "on"), frame("b", "b.jpg", "on")].join(","));
+    let truth = |text: String| std::fs::write(folder.path().join("truth.json"), text).unwrap();
+    let original = std::fs::read_to_string(data("b02/truth.json")).unwrap();
+    let wrong = |arguments: &[&str]| {
+        let output = boxline(&[&["evaluate", text(folder.path())], arguments].concat());
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+        stdout(&output)
+    };
+
+    truth(original.replacen("550.6", "580.6", 1));
+    assert!(wrong(&[]).contains("WRONG: off by"), "{}", wrong(&[]));
+
+    truth(original.replacen('{', "{\"must_refuse\": true,", 1));
+    let said = wrong(&[]);
+    assert!(said.contains("!!! 2 WRONG !!!") && said.contains("measured, a refusal was due"), "{said}");
+    let object: Value = serde_json::from_str(&wrong(&["--json"])).unwrap();
+    assert_eq!(object["wrong"].as_array().unwrap().len(), 2);
+}
+
+#[test]
+fn without_a_box_every_frame_is_judged_by_itself() {
+    let folder = recording(&[frame("a", "a.jpg", "on"), frame("b", "b.jpg", "on")].join(","));
+    let mut truth: Value =
+        serde_json::from_str(&std::fs::read_to_string(data("b02/truth.json")).unwrap()).unwrap();
+    truth["box_mm"] = Value::Null;
+    std::fs::write(folder.path().join("truth.json"), truth.to_string()).unwrap();
+    let object = json(&boxline(&["evaluate", text(folder.path()), "--json"]));
+    assert!(object["recordings"][0]["box"].is_null());
+    let faces = object["recordings"][0]["faces"].as_array().unwrap();
+    assert_eq!(faces.len(), 2);
+    assert_eq!(faces[1]["verdict"], "right");
+
+    // A frame without truth cannot be judged.
+    truth["faces"].as_array_mut().unwrap().pop();
+    std::fs::write(folder.path().join("truth.json"), truth.to_string()).unwrap();
+    let said = fails(&["evaluate", text(folder.path())], "invalid_file");
+    assert!(said.contains("truth.json") && said.contains("\"b\""), "{said}");
+}
