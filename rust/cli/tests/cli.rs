@@ -1,4 +1,5 @@
 //! The program from outside: exit codes, what is printed where, and that broken input leaves nothing behind.
+#![allow(clippy::unwrap_used)] // the helpers are tests too, which clippy sees only in the functions marked #[test]
 
 use serde_json::Value;
 use std::path::{Path, PathBuf};
