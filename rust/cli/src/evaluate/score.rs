@@ -96,6 +96,14 @@ impl BoxScore {
         self.measurement().map(|m| errors_of(&m, self.truth_mm))
     }
 
+    /// Why it was refused, if it was.
+    pub fn reason(&self) -> Option<&'static str> {
+        match &self.outcome {
+            Outcome::Rejected(reject) => Some(reject.reason()),
+            _ => None,
+        }
+    }
+
     pub fn verdict(&self) -> Verdict {
         match (&self.outcome, self.errors_mm()) {
             (Outcome::Rejected(_), _) => Verdict::RefusedInsteadOfMeasured,
@@ -140,6 +148,14 @@ impl FaceScore {
         Some([sides[0].value_mm - truth[0], sides[1].value_mm - truth[1]])
     }
 
+    /// Why it was refused, if it was.
+    pub fn reason(&self) -> Option<&'static str> {
+        match &self.outcome {
+            FaceOutcome::Rejected(reject) => Some(reject.reason()),
+            FaceOutcome::Measured(_) => None,
+        }
+    }
+
     pub fn verdict(&self) -> Verdict {
         match (&self.outcome, &self.refusal_due, self.errors_mm()) {
             (FaceOutcome::Rejected(reject), Some(Some(due)), _) if due != reject.reason() => {
@@ -154,14 +170,18 @@ impl FaceScore {
 }
 
 impl RecordingScore {
-    /// Everything in this recording that must not happen.
+    /// Everything in this recording that must not happen, with the reason of a refusal.
     pub fn wrong(&self) -> Vec<String> {
-        let cuboid = self.cuboid.iter().map(|c| (self.name.clone(), c.verdict()));
-        let faces = self.faces.iter().map(|f| (format!("{}/{}", self.name, f.frame), f.verdict()));
+        let cuboid = self.cuboid.iter().map(|c| (self.name.clone(), c.verdict(), c.reason()));
+        let faces =
+            self.faces.iter().map(|f| (format!("{}/{}", self.name, f.frame), f.verdict(), f.reason()));
         cuboid
             .chain(faces)
-            .filter(|(_, verdict)| verdict.is_wrong())
-            .map(|(name, verdict)| format!("{name} ({}): {}", method_name(self.method), verdict.text()))
+            .filter(|(_, verdict, _)| verdict.is_wrong())
+            .map(|(name, verdict, reason)| {
+                let reason = reason.map_or(String::new(), |reason| format!(" ({reason})"));
+                format!("{name}, {}: {}{reason}", method_name(self.method), verdict.text())
+            })
             .collect()
     }
 }

@@ -78,7 +78,7 @@ fn box_table(scores: &[RecordingScore]) -> Table {
             }
             None => {
                 row.extend(std::iter::repeat_n("-".to_owned(), 8));
-                row.push(format!("{} {}", cuboid.verdict().text(), box_reason(cuboid).unwrap_or_default()));
+                row.push(format!("{} {}", cuboid.verdict().text(), cuboid.reason().unwrap_or_default()));
             }
         }
         table.add_row(row);
@@ -262,7 +262,7 @@ fn box_json(cuboid: &BoxScore) -> Value {
             Outcome::Ambiguous(_) => "ambiguous",
             Outcome::Rejected(_) => "rejected",
         },
-        "reason": box_reason(cuboid),
+        "reason": cuboid.reason(),
         "verdict": cuboid.verdict().text(),
         "true_mm": cuboid.truth_mm,
         "measured_mm": m.map(|m| [m.length, m.width, m.height].map(|side| side.value_mm)),
@@ -274,14 +274,14 @@ fn box_json(cuboid: &BoxScore) -> Value {
 
 fn face_json(face: &FaceScore) -> Value {
     let sides = face.sides();
-    let (outcome, reason, rms_px) = match &face.outcome {
-        FaceOutcome::Measured(m) => ("measured", None, Some(m.rms_px)),
-        FaceOutcome::Rejected(reject) => ("rejected", Some(reject.reason()), None),
+    let (outcome, rms_px) = match &face.outcome {
+        FaceOutcome::Measured(m) => ("measured", Some(m.rms_px)),
+        FaceOutcome::Rejected(_) => ("rejected", None),
     };
     json!({
         "frame": face.frame,
         "outcome": outcome,
-        "reason": reason,
+        "reason": face.reason(),
         "refusal_due": face.refusal_due.as_ref().map(|due| due.as_deref().unwrap_or("any")),
         "verdict": face.verdict().text(),
         "true_mm": face.truth_mm,
@@ -351,13 +351,6 @@ fn found(face: &FaceScore) -> String {
     match &face.outcome {
         FaceOutcome::Measured(m) => format!("measured {:.1} x {:.1} mm", m.length.value_mm, m.width.value_mm),
         FaceOutcome::Rejected(reject) => reject.reason().to_owned(),
-    }
-}
-
-fn box_reason(cuboid: &BoxScore) -> Option<&'static str> {
-    match &cuboid.outcome {
-        Outcome::Rejected(reject) => Some(reject.reason()),
-        _ => None,
     }
 }
 
