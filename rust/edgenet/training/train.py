@@ -4,7 +4,7 @@
     python train.py --run runs/boxnet --minutes 150 --sitting 2 --lr 3e-3 --half-share 0      another after it
     python train.py --run runs/ihed4 --net ihed4 --minutes 90      the paper's network at a quarter of its width
 
-The folder of a run holds step-*.pt (two checkpoints), metrics.jsonl, curves.png and validation.json.
+The folder of a run holds step-*.pt (two checkpoints), metrics.jsonl, validation.json, curves.png and pictures.png.
 A sitting has its own learning rate schedule over its minutes; weights, EMA, optimiser and step count go on.
 """
 
@@ -226,10 +226,15 @@ class Trainer:
         print(f"validation: loss {result['loss']:.4f}, {metrics.short(result)} ({time.monotonic() - started:.0f} s)", flush=True)
         try:
             import curves
+            import pictures
 
             curves.draw(self.options.run)
+            shown = held_out[:6]
+            with torch.no_grad():
+                output = self.ema(image_of(np.stack([f.rgb for f in shown])))
+            pictures.draw(shown, self.task.prediction(output).numpy(), self.options.run / "pictures.png")
         except Exception as wrong:  # a picture is not worth the run
-            print(f"train: no curves: {wrong}", file=sys.stderr, flush=True)
+            print(f"train: no pictures: {wrong}", file=sys.stderr, flush=True)
 
     def run(self) -> None:
         options = self.options
