@@ -1,0 +1,29 @@
+//! Renders frames of boxes under the head's four lasers, with exact truth beside the pixels.
+//!
+//! One direction: [`rng`] → [`head`] (a calibration and its beams) → [`pose`] (where the head may stand) → [`world`] (boxes,
+//! stands, rooms, light) → [`render`] (film, then sensor) → [`truth`] and [`labels`] → [`recording`] and [`stream`].
+//! Everything follows from a seed: the same seed gives the same bytes. Positions are mm; the raster is core's
+//! (pixel centres at integers). Nothing here is part of the measuring program's results.
+#![forbid(unsafe_code)]
+
+pub mod error;
+pub mod head;
+pub mod labels;
+pub mod material;
+pub mod photos;
+pub mod pose;
+pub mod raster;
+pub mod recording;
+pub mod render;
+pub mod rng;
+pub mod solid;
+pub mod stream;
+pub mod truth;
+pub mod vec3;
+pub mod world;
+
+pub use error::Error;
+pub use head::Head;
+pub use photos::Photos;
+pub use raster::Raster;
+pub use rng::Rng;

@@ -1,0 +1,42 @@
+//! What surfaces look like: [`noise`] tiles, [`surface`] patterns (board, wood, stone), [`ink`] bitmaps (print, labels) and
+//! [`stamp`]s that put them on faces; [`carton`] draws up the look of one box.
+
+pub mod carton;
+pub mod font;
+pub mod ink;
+pub mod noise;
+pub mod stamp;
+pub mod surface;
+
+pub use carton::carton;
+pub use stamp::{Art, Decal, Stamp};
+pub use surface::{Pattern, Surface};
+
+/// The look of one solid: the same for every frame that shows it.
+#[derive(Clone, Debug)]
+pub struct Look {
+    /// The bare surface.
+    pub surface: Surface,
+    /// What is printed, glued and strapped on, bottom first.
+    pub decals: Vec<Decal>,
+    /// Reflectance of the coat at normal incidence as a share; 0.02 is matt board, 0.3 varnish.
+    pub gloss: f32,
+}
+
+impl Look {
+    /// A bare surface.
+    #[must_use]
+    pub const fn bare(surface: Surface, gloss: f32) -> Self {
+        Self { surface, decals: Vec::new(), gloss }
+    }
+}
+
+/// sRGB bytes to linear light.
+#[must_use]
+pub fn linear(rgb: [u8; 3]) -> crate::vec3::V3 {
+    let f = |b: u8| {
+        let x = f32::from(b) / 255.0;
+        if x <= 0.040_45 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) }
+    };
+    crate::vec3::v3(f(rgb[0]), f(rgb[1]), f(rgb[2]))
+}

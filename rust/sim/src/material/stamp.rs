@@ -1,0 +1,165 @@
+//! What is on a face beside its surface: print, labels, tape, straps, frames, photographs. A [`Decal`] says what and where in
+//! mm; a [`Stamp`] is the decal drawn for one camera distance.
+
+use super::ink::{Bitmap, label};
+use super::{font, linear};
+use crate::photos::Photos;
+use crate::vec3::{V3, v3};
+
+/// What a decal shows.
+#[derive(Clone, Debug)]
+pub enum Art {
+    /// One opaque colour with sharp borders: straps, stripes, seams. sRGB.
+    Fill([u8; 3]),
+    /// Sticky tape: tints what is under it, with faint streaks. sRGB of the tint, and its cover.
+    Tape([u8; 3], f32),
+    /// Text in an ink.
+    Text(String, [u8; 3], f32),
+    /// Two arrows up over a bar.
+    Arrows([u8; 3]),
+    /// A glass, for fragile.
+    Glass([u8; 3]),
+    /// The outline of a rectangle, this wide in mm.
+    Outline([u8; 3], f32),
+    /// An address label of this seed.
+    Label(u64),
+    /// A photograph by index.
+    Photo(usize),
+}
+
+/// Something on a face.
+#[derive(Clone, Debug)]
+pub struct Decal {
+    /// Which face.
+    pub face: usize,
+    /// Its middle in the face's picture axes, mm.
+    pub centre: [f32; 2],
+    /// Its turn on the face, rad.
+    pub turn_rad: f32,
+    /// Half sizes, mm.
+    pub half: [f32; 2],
+    /// What it shows.
+    pub art: Art,
+    /// Gloss of its coat; ink takes the board's.
+    pub gloss: Option<f32>,
+}
+
+/// A decal drawn for a camera distance.
+#[derive(Clone, Debug)]
+pub struct Stamp {
+    centre: [f32; 2],
+    cos: f32,
+    sin: f32,
+    half: [f32; 2],
+    content: Content,
+    gloss: Option<f32>,
+}
+
+#[derive(Clone, Debug)]
+enum Content {
+    Fill(V3),
+    Tape(V3, f32),
+    Outline(V3, f32),
+    Map(Bitmap),
+    Photo(usize),
+}
+
+impl Decal {
+    /// Draws the decal for pixels of `foot` mm.
+    #[must_use]
+    pub fn stamp(&self, foot: f32) -> Stamp {
+        let side = |half: f32| ((2.0 * half / foot * 1.3) as usize).clamp(2, 1400);
+        let (w, h) = (side(self.half[0]), side(self.half[1]));
+        let (wf, hf) = (w as f32, h as f32);
+        let content = match &self.art {
+            Art::Fill(rgb) => Content::Fill(linear(*rgb)),
+            Art::Tape(rgb, cover) => Content::Tape(linear(*rgb), *cover),
+            Art::Outline(rgb, line) => Content::Outline(linear(*rgb), *line),
+            Art::Photo(index) => Content::Photo(*index),
+            Art::Label(seed) => Content::Map(label(*seed, w, h)),
+            Art::Text(text, rgb, bold) => {
+                let mut map = Bitmap::new(w, h, [rgb[0], rgb[1], rgb[2], 0]);
+                map.text(text, 0.0, 0.0, wf, hf, *bold, *rgb);
+                Content::Map(map)
+            }
+            Art::Arrows(rgb) => {
+                let mut map = Bitmap::new(w, h, [rgb[0], rgb[1], rgb[2], 0]);
+                let pen = 0.055 * wf;
+                for x in [0.27, 0.73] {
+                    map.pen([x * wf, 0.16 * hf, x * wf, 0.78 * hf], pen, *rgb);
+                    map.pen([x * wf, 0.1 * hf, (x - 0.17) * wf, 0.36 * hf], pen, *rgb);
+                    map.pen([x * wf, 0.1 * hf, (x + 0.17) * wf, 0.36 * hf], pen, *rgb);
+                }
+                map.pen([0.08 * wf, 0.93 * hf, 0.92 * wf, 0.93 * hf], 0.8 * pen, *rgb);
+                Content::Map(map)
+            }
+            Art::Glass(rgb) => {
+                let mut map = Bitmap::new(w, h, [rgb[0], rgb[1], rgb[2], 0]);
+                for i in 0..=20 {
+                    let t = i as f32 / 20.0; // a bowl that narrows downwards
+                    let reach = 0.32 * (1.0 - t * t);
+                    let y = (0.08 + 0.42 * t) * hf;
+                    map.pen([(0.5 - reach) * wf, y, (0.5 + reach) * wf, y], 0.022 * hf, *rgb);
+                }
+                map.pen([0.5 * wf, 0.45 * hf, 0.5 * wf, 0.88 * hf], 0.05 * wf, *rgb);
+                map.pen([0.25 * wf, 0.92 * hf, 0.75 * wf, 0.92 * hf], 0.04 * hf, *rgb);
+                Content::Map(map)
+            }
+        };
+        Stamp {
+            centre: self.centre,
+            cos: self.turn_rad.cos(),
+            sin: self.turn_rad.sin(),
+            half: self.half,
+            content,
+            gloss: self.gloss,
+        }
+    }
+
+    /// Height over width of a text in letters of normal proportion.
+    #[must_use]
+    pub fn text_aspect(text: &str, bold: f32) -> f32 {
+        (6.0 + 2.0 * bold) / (font::width(text) + 2.0 * bold)
+    }
+}
+
+impl Stamp {
+    /// Lays the stamp over a colour and a gloss at (u, v) mm, seen with pixels of `foot` mm.
+    #[inline]
+    pub fn lay(&self, u: f32, v: f32, foot: f32, colour: &mut V3, gloss: &mut f32, photos: &Photos) {
+        let (du, dv) = (u - self.centre[0], v - self.centre[1]);
+        let (x, y) = (du * self.cos + dv * self.sin, dv * self.cos - du * self.sin);
+        let inside = (self.half[0] - x.abs()).min(self.half[1] - y.abs());
+        if inside < -0.5 * foot {
+            return;
+        }
+        let rim = (0.5 + inside / foot).clamp(0.0, 1.0);
+        let (sx, sy) = (0.5 + 0.5 * x / self.half[0], 0.5 + 0.5 * y / self.half[1]);
+        let (ink, cover) = match &self.content {
+            Content::Fill(rgb) => (*rgb, rim),
+            Content::Tape(rgb, cover) => {
+                let t = super::noise::tiles();
+                let (a, b) = if self.half[0] > self.half[1] { (x, y) } else { (y, x) };
+                let streak = t.streak.at(a * 0.35 + self.centre[0], b * 3.0, foot * 3.0);
+                (*rgb * (1.0 + 0.05 * streak), rim * cover)
+            }
+            Content::Outline(rgb, line) => {
+                let middle = (inside - 0.5 * line).abs();
+                (*rgb, ((0.5 * line - middle) / foot + 0.5).clamp(0.0, (line / foot).min(1.0)))
+            }
+            Content::Map(map) => {
+                let [r, g, b, a] = map.at(sx, sy);
+                (v3(r * r, g * g, b * b), a * rim)
+            }
+            Content::Photo(index) => match photos.all.get(*index) {
+                Some(photo) => (photo.at(sx, sy), rim),
+                None => (*colour, 0.0),
+            },
+        };
+        // Ink does not hide the paper's tone altogether.
+        *colour = *colour * (1.0 - cover) + ink * cover;
+        if let Some(own) = self.gloss {
+            *gloss += (own - *gloss) * cover;
+        }
+    }
+}

@@ -1,0 +1,53 @@
+//! Which pixels are rendered: the whole sensor, or a small frame that equals the sensor's averaged over areas.
+
+use boxline::{CameraModel, Px};
+
+/// A grid of pixels laid over the sensor: `net = (px + 0.5) s - 0.5`, the resizing rule of the whole project.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Raster {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Sensor pixels per pixel of this raster, along columns and rows.
+    pub px_per_cell: [f64; 2],
+}
+
+impl Raster {
+    /// One pixel per sensor pixel.
+    #[must_use]
+    pub fn full(sensor: [u32; 2]) -> Self {
+        Self::covering(sensor, sensor[0] as usize, sensor[1] as usize)
+    }
+
+    /// A small frame that covers the whole sensor.
+    #[must_use]
+    pub fn covering(sensor: [u32; 2], width: usize, height: usize) -> Self {
+        let px_per_cell = [f64::from(sensor[0]) / width as f64, f64::from(sensor[1]) / height as f64];
+        Self { width, height, px_per_cell }
+    }
+
+    /// The sensor position of a position on this raster.
+    #[must_use]
+    pub fn px(&self, column: f64, row: f64) -> Px {
+        Px::new((column + 0.5) * self.px_per_cell[0] - 0.5, (row + 0.5) * self.px_per_cell[1] - 0.5)
+    }
+
+    /// The position on this raster (column, row) of a sensor position.
+    #[must_use]
+    pub fn from_px(&self, px: Px) -> [f64; 2] {
+        [(px.u + 0.5) / self.px_per_cell[0] - 0.5, (px.v + 0.5) / self.px_per_cell[1] - 0.5]
+    }
+
+    /// Sensor pixels per cell, the mean of both directions.
+    #[must_use]
+    pub fn scale(&self) -> f64 {
+        (self.px_per_cell[0] * self.px_per_cell[1]).sqrt()
+    }
+
+    /// Width of a cell at 1 mm depth, mm (its angle).
+    #[must_use]
+    pub fn cell_per_mm(&self, camera: &CameraModel) -> f64 {
+        self.scale() / (camera.fx * camera.fy).sqrt()
+    }
+}

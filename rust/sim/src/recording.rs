@@ -1,0 +1,136 @@
+//! Writes recordings in the standard format: frames, `recording.json`, `truth.json`, `calibration.json`.
+
+use crate::error::Error;
+use crate::head::{Head, SENSOR_PX};
+use crate::photos::Photos;
+use crate::pose::Refuse;
+use crate::raster::Raster;
+use crate::render::sensor::Sensor;
+use crate::render::{Options, Stage, expose_film};
+use crate::rng::Rng;
+use crate::truth::truth;
+use crate::world::{Plan, Scene, View, compose};
+use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// What a recording folder is to hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Two adjacent faces of one box.
+    Box,
+    /// This many single faces of different boxes.
+    Faces(usize),
+    /// This many frames that must be refused.
+    Refuse(usize),
+}
+
+/// A frame as the head delivers it: 2592 x 1944, RGB bytes.
+#[must_use]
+pub fn full_frame(
+    head: &Head,
+    scene: &Scene,
+    view: &View,
+    lasers: bool,
+    seed: u64,
+    photos: &Photos,
+) -> Vec<u8> {
+    // What belongs to the view (lens, motion, balance) is the same with lasers off; noise and speckle are not.
+    let mut of_view = Rng::new(seed, 0x5E45);
+    let sensor = Sensor::random(&mut of_view, scene.light.noise);
+    let mut of_frame = Rng::new(seed, 0xF0A0 + u64::from(lasers));
+    let options = Options { lasers, speckle: true, seed: u64::from(of_frame.bits()) };
+    let stage = Stage::new(scene, view, head, Raster::full(SENSOR_PX), photos, options);
+    sensor.develop(&expose_film(&stage), 1.0, &mut of_frame)
+}
+
+/// Encodes a full frame as JPEG with the quality that its seed says (85 to 95).
+///
+/// # Errors
+/// The encoder refuses (a wrong size: a bug here).
+pub fn jpeg(rgb: &[u8], seed: u64) -> Result<Vec<u8>, Error> {
+    let mut rng = Rng::new(seed, 0x73E6);
+    let mut bytes = Vec::new();
+    let mut encoder = Encoder::new(&mut bytes, 85 + rng.below(11) as u8);
+    encoder.set_sampling_factor(if rng.chance(0.7) { SamplingFactor::F_2_2 } else { SamplingFactor::F_1_1 });
+    let [w, h] = SENSOR_PX.map(|n| n as u16);
+    encoder.encode(rgb, w, h, ColorType::Rgb).map_err(|e| Error::new("jpeg", e))?;
+    Ok(bytes)
+}
+
+/// Renders and writes the recording of a seed. `with_off` adds the frames with the lasers off.
+///
+/// # Errors
+/// A file cannot be written.
+pub fn write_recording(
+    folder: &Path,
+    seed: u64,
+    kind: Kind,
+    with_off: bool,
+    photos: &Photos,
+) -> Result<(), Error> {
+    std::fs::create_dir_all(folder).map_err(|e| Error::file(folder, e))?;
+    let head = Head::random(&mut Rng::new(seed, 1))?;
+    let mut rng = Rng::new(seed, 2);
+    let mut scenes = Vec::new();
+    match kind {
+        Kind::Box => scenes.push(compose(&mut rng, &head, Plan::Box, photos)),
+        Kind::Faces(n) => {
+            scenes.extend((0..n).map(|_| compose(&mut rng.child(), &head, Plan::Face, photos)));
+        }
+        Kind::Refuse(n) => {
+            const REASONS: [Refuse; 4] =
+                [Refuse::StripeMissing, Refuse::CutByBorder, Refuse::NoBox, Refuse::LaserDead];
+            let first = rng.below(4);
+            scenes.extend(
+                (0..n).map(|i| {
+                    compose(&mut rng.child(), &head, Plan::Refused(REASONS[(first + i) % 4]), photos)
+                }),
+            );
+        }
+    }
+    let prefix = match kind {
+        Kind::Box => "",
+        Kind::Faces(_) => "f",
+        Kind::Refuse(_) => "r",
+    };
+    let mut frames: Vec<Value> = Vec::new();
+    let mut truths = Vec::new();
+    let views = scenes.iter().flat_map(|s| s.views.iter().map(move |v| (s, v)));
+    for (n, (scene, view)) in views.enumerate() {
+        let id = match kind {
+            Kind::Box => ["a", "b"][n % 2].to_owned(),
+            _ => format!("{prefix}{:02}", n + 1),
+        };
+        let frame_seed = crate::rng::mix(seed) ^ n as u64;
+        for lasers in [true, false] {
+            if !lasers && !with_off {
+                continue;
+            }
+            let name = if lasers { id.clone() } else { format!("{id}_off") };
+            let rgb = full_frame(&head, scene, view, lasers, frame_seed, photos);
+            write(&folder.join(format!("{name}.jpg")), &jpeg(&rgb, frame_seed)?)?;
+            let laser = if lasers { "on" } else { "off" };
+            frames.push(json!({"id": name, "file": format!("{name}.jpg"), "role": "face", "laser": laser}));
+        }
+        truths.push((scene, view, id));
+    }
+    let recording = json!({
+        "format": "boxline-recording/1",
+        "device": {"serial": head.calibration.serial()},
+        "calibration": "calibration.json",
+        "frames": frames,
+    });
+    write_json(&folder.join("recording.json"), &recording)?;
+    write_json(&folder.join("calibration.json"), &head.calibration_json())?;
+    write_json(&folder.join("truth.json"), &truth(&head, &truths, kind == Kind::Box))
+}
+
+fn write_json(path: &Path, value: &Value) -> Result<(), Error> {
+    let text = serde_json::to_string_pretty(value).map_err(|e| Error::file(path, e))?;
+    write(path, text.as_bytes())
+}
+
+fn write(path: &Path, bytes: &[u8]) -> Result<(), Error> {
+    std::fs::write(path, bytes).map_err(|e| Error::file(path, e))
+}

@@ -1,0 +1,185 @@
+//! The four light sheets on a surface point: fan, thickness, distance, incidence, what stands in the way, speckle.
+
+use super::prepare::{CamBeam, Stage};
+use crate::rng::Rng;
+use crate::vec3::V3;
+use std::sync::OnceLock;
+
+/// Reach of a sheet in standard deviations.
+const REACH: f32 = 4.0;
+/// What a red laser leaves in the three channels.
+pub const COLOUR: [f32; 3] = [1.0, 0.085, 0.035];
+
+const SIDE: usize = 512;
+
+/// Correlated speckle of unit mean, one value a sensor pixel.
+fn speckle() -> &'static [f32] {
+    static FIELD: OnceLock<Vec<f32>> = OnceLock::new();
+    FIELD.get_or_init(|| {
+        let mut rng = Rng::new(17, 0x5BEC);
+        // Intensity of a sum of random phasors blurred over about one and a half pixels; three exposures' worth of
+        // averaging (roughness, bandwidth, pixel area) brings the contrast from 1 to about 0.45.
+        let mut sum = vec![0.0f32; SIDE * SIDE];
+        for _ in 0..5 {
+            let re = blur(&(0..SIDE * SIDE).map(|_| rng.normal() as f32).collect::<Vec<_>>());
+            let im = blur(&(0..SIDE * SIDE).map(|_| rng.normal() as f32).collect::<Vec<_>>());
+            for ((s, a), b) in sum.iter_mut().zip(re).zip(im) {
+                *s += a * a + b * b;
+            }
+        }
+        let mean = sum.iter().sum::<f32>() / sum.len() as f32;
+        sum.iter().map(|s| s / mean).collect()
+    })
+}
+
+fn blur(field: &[f32]) -> Vec<f32> {
+    let at = |x: usize, y: usize| field[(y % SIDE) * SIDE + x % SIDE];
+    (0..SIDE * SIDE)
+        .map(|i| {
+            let (x, y) = (i % SIDE + SIDE, i / SIDE + SIDE);
+            let cross = at(x + 1, y) + at(x - 1, y) + at(x, y + 1) + at(x, y - 1);
+            let diagonal = at(x + 1, y + 1) + at(x - 1, y + 1) + at(x + 1, y - 1) + at(x - 1, y - 1);
+            at(x, y) + 0.55 * cross + 0.3 * diagonal
+        })
+        .collect()
+}
+
+/// A stripe seen at a pixel.
+#[derive(Clone, Copy, Debug)]
+pub struct Trace {
+    /// Index of the pixel.
+    pub pixel: u32,
+    /// 0 to 3.
+    pub laser: u8,
+    /// Distance of the pixel from the stripe's middle, pixels of the raster.
+    pub off_px: f32,
+    /// What the stripe adds to the red channel, full scale 1 (not clipped).
+    pub red: f32,
+}
+
+impl Stage<'_> {
+    /// Irradiance of laser `k` at a surface point, without speckle; 0 outside its sheet.
+    #[inline]
+    #[must_use]
+    pub fn sheet(&self, beam: &CamBeam, point: V3, normal: V3) -> f32 {
+        let off = (beam.plane.dot(point) - 1.0) * beam.plane_mm;
+        let to = point - beam.source;
+        let range = to.norm();
+        let sigma = beam.sigma_rad * range;
+        let x = off / sigma;
+        if x.abs() > REACH {
+            return 0.0;
+        }
+        let cosine = -normal.dot(to) / range;
+        let fan = beam.forward.dot(to) / range;
+        if cosine <= 0.0 || fan < beam.fan_cos {
+            return 0.0;
+        }
+        // Line lenses are a little weaker to their ends and stop softly.
+        let end = ((fan - beam.fan_cos) * 60.0).min(1.0);
+        let profile = (-0.5 * x * x).exp();
+        beam.at_1m * profile * cosine * end * (0.6 + 0.4 * fan * fan) * (1000.0 / range).powi(2)
+    }
+
+    /// Whether laser `k` sees a point of solid `own`.
+    #[must_use]
+    pub fn laser_sees(&self, k: usize, own: usize, point: V3) -> bool {
+        let source = self.beams[k].source;
+        !self.laser_casters[k].iter().any(|&j| j != own && self.solids[j].blocks(point, source - point))
+    }
+
+    /// Light that the lasers add at a pixel: irradiance in the red channel. `under` is the red light already there,
+    /// `albedo` the red reflectance; traces are kept if wanted.
+    pub(super) fn lasers(
+        &self,
+        own: usize,
+        ray: V3,
+        depth: f32,
+        normal: V3,
+        pixel: (usize, usize),
+        mut keep: Option<&mut Vec<Trace>>,
+        red_per_irradiance: f32,
+        room_left: f32,
+    ) -> f32 {
+        let point = ray * depth;
+        let cell = self.cell_per_mm * depth;
+        let mut sum = 0.0;
+        for (k, beam) in self.beams.iter().enumerate() {
+            let off = (beam.plane.dot(point) - 1.0) * beam.plane_mm;
+            let sigma = beam.sigma_rad * depth * 1.15;
+            // Foreshortened faces spread the sheet over fewer pixels: 3 cells of grace.
+            if beam.at_1m <= 0.0 || off.abs() > REACH * sigma + 2.0 * cell {
+                continue;
+            }
+            let coarse = self.raster.scale() > 1.5;
+            let irradiance = if coarse {
+                self.mean_sheet(beam, ray, point, normal, pixel, red_per_irradiance, room_left)
+            } else {
+                self.sheet(beam, point, normal)
+            };
+            if irradiance <= 0.0 || !self.laser_sees(k, own, point) {
+                continue;
+            }
+            if let Some(keep) = keep.as_deref_mut() {
+                keep.push(Trace {
+                    pixel: (pixel.1 * self.raster.width + pixel.0) as u32,
+                    laser: k as u8,
+                    off_px: self.off_px(beam, ray, point, normal, cell),
+                    red: irradiance * red_per_irradiance,
+                });
+            }
+            sum += irradiance * self.speckle_at(k, pixel, coarse);
+        }
+        sum
+    }
+
+    /// Mean over a coarse cell of what the sensor's own pixels would keep of the sheet: each clips by itself.
+    fn mean_sheet(
+        &self,
+        beam: &CamBeam,
+        ray: V3,
+        point: V3,
+        normal: V3,
+        pixel: (usize, usize),
+        red: f32,
+        room_left: f32,
+    ) -> f32 {
+        let across =
+            self.ray(pixel.0 as f64 + 1.0, pixel.1 as f64) - self.ray(pixel.0 as f64, pixel.1 as f64);
+        let down = self.ray(pixel.0 as f64, pixel.1 as f64 + 1.0) - self.ray(pixel.0 as f64, pixel.1 as f64);
+        let offset = normal.dot(point);
+        let most = room_left / red.max(1e-6);
+        let mut sum = 0.0;
+        for j in [-0.375f32, -0.125, 0.125, 0.375] {
+            for i in [-0.375f32, -0.125, 0.125, 0.375] {
+                let sub = ray + across * i + down * j;
+                let facing = normal.dot(sub);
+                if facing.abs() > 1e-6 {
+                    sum += self.sheet(beam, sub * (offset / facing), normal).min(most);
+                }
+            }
+        }
+        sum / 16.0
+    }
+
+    /// Distance of a pixel from the stripe on the tangent plane, in pixels of the raster.
+    fn off_px(&self, beam: &CamBeam, ray: V3, point: V3, normal: V3, cell: f32) -> f32 {
+        // On the plane q . X = 1 the stripe is the line (q - p) . x = 0 of the ideal image.
+        let offset = normal.dot(point);
+        let q = normal * (1.0 / offset);
+        let line = q - beam.plane;
+        let _ = cell;
+        line.dot(ray) / (line.x.hypot(line.y) * self.cell_per_mm)
+    }
+
+    fn speckle_at(&self, k: usize, pixel: (usize, usize), coarse: bool) -> f32 {
+        if !self.options.speckle {
+            return 1.0;
+        }
+        let shift = (self.options.seed as usize).wrapping_mul(7919).wrapping_add(k * 131);
+        let (x, y) = ((pixel.0 + shift) % SIDE, (pixel.1 + shift / SIDE) % SIDE);
+        let s = speckle()[y * SIDE + x];
+        // A coarse cell averages some 25 pixels, a handful of them across the stripe.
+        if coarse { 1.0 + 0.3 * (s - 1.0) } else { s }
+    }
+}

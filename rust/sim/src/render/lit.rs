@@ -1,0 +1,176 @@
+//! Light that changes slowly over a face (shadow, occlusion) is computed on a coarse grid and interpolated within faces.
+
+use super::prepare::Stage;
+use crate::solid::Hit;
+use crate::vec3::{V3, v3};
+
+/// No face.
+pub const NOTHING: u16 = u16::MAX;
+
+/// How much of the diffuse light and of each lamp arrives.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Lit {
+    /// Share of the sky seen.
+    pub open: f32,
+    /// Cosine times distance law times visibility of the lamps.
+    pub lamps: [f32; 2],
+}
+
+/// The coarse grid.
+pub struct Grid {
+    step: usize,
+    across: usize,
+    nodes: Vec<(u16, Lit)>,
+}
+
+/// Identity of a face of a solid for the whole frame.
+#[inline]
+#[must_use]
+pub fn face_id(solid: usize, face: usize) -> u16 {
+    (solid * 8 + face) as u16
+}
+
+/// Normal of a hit in the camera frame.
+#[inline]
+#[must_use]
+pub fn normal(stage: &Stage<'_>, solid: usize, hit: &Hit) -> V3 {
+    let local = hit.bent.unwrap_or_else(|| {
+        let side = if hit.face.is_multiple_of(2) { 1.0 } else { -1.0 };
+        match hit.face / 2 {
+            0 => v3(side, 0.0, 0.0),
+            1 => v3(0.0, side, 0.0),
+            _ => v3(0.0, 0.0, side),
+        }
+    });
+    stage.solids[solid].cam_dir(local)
+}
+
+impl Grid {
+    /// Computes the light at every `step`-th pixel.
+    #[must_use]
+    pub fn new(stage: &Stage<'_>, step: usize) -> Self {
+        let across = stage.raster.width.div_ceil(step) + 1;
+        let down = stage.raster.height.div_ceil(step) + 1;
+        let mut nodes = Vec::with_capacity(across * down);
+        for j in 0..down {
+            for i in 0..across {
+                let column = (i * step).min(stage.raster.width - 1);
+                let row = (j * step).min(stage.raster.height - 1);
+                let ray = stage.ray(column as f64, row as f64);
+                nodes.push(match stage.cast(ray, column, row) {
+                    Some((solid, hit)) if !hit.rounded => {
+                        let n = normal(stage, solid, &hit);
+                        (face_id(solid, hit.face), at(stage, solid, ray * hit.depth, n))
+                    }
+                    _ => (NOTHING, Lit::default()),
+                });
+            }
+        }
+        Self { step, across, nodes }
+    }
+
+    /// Light at a pixel of a face; `None` where no node of the cell is on that face.
+    #[inline]
+    #[must_use]
+    pub fn lit(&self, id: u16, column: usize, row: usize) -> Option<Lit> {
+        let (i, j) = (column / self.step, row / self.step);
+        let inverse = 1.0 / self.step as f32;
+        let (x, y) = ((column - i * self.step) as f32 * inverse, (row - j * self.step) as f32 * inverse);
+        let at = j * self.across + i;
+        let nodes = [
+            self.nodes[at],
+            self.nodes[at + 1],
+            self.nodes[at + self.across],
+            self.nodes[at + self.across + 1],
+        ];
+        let weights = [(1.0 - x) * (1.0 - y), x * (1.0 - y), (1.0 - x) * y, x * y];
+        let mut sum = Lit::default();
+        let mut total = 0.0;
+        for ((node, lit), weight) in nodes.iter().zip(weights) {
+            if *node == id {
+                let w = weight + 1e-4;
+                total += w;
+                sum.open += lit.open * w;
+                sum.lamps[0] += lit.lamps[0] * w;
+                sum.lamps[1] += lit.lamps[1] * w;
+            }
+        }
+        if total <= 0.0 {
+            return None;
+        }
+        let s = 1.0 / total;
+        Some(Lit { open: sum.open * s, lamps: [sum.lamps[0] * s, sum.lamps[1] * s] })
+    }
+}
+
+/// Light at a point of a solid with a normal, computed in full.
+#[must_use]
+pub fn at(stage: &Stage<'_>, own: usize, point: V3, normal: V3) -> Lit {
+    let mut lit = Lit { open: open(stage, own, point, normal), lamps: [0.0; 2] };
+    for (lamp, out) in stage.lamps.iter().zip(&mut lit.lamps) {
+        let to = lamp.at - point;
+        let distance = to.norm();
+        let cosine = normal.dot(to) / distance;
+        if cosine <= 0.0 {
+            continue;
+        }
+        let law = (lamp.reference_mm / distance).powi(2).clamp(0.2, 2.5);
+        *out = cosine * law * seen(stage, own, point, to, distance, lamp.width);
+    }
+    lit
+}
+
+/// Share of a lamp that is seen from a point.
+fn seen(stage: &Stage<'_>, own: usize, point: V3, to: V3, distance: f32, width: f32) -> f32 {
+    let mut share = 1.0f32;
+    let direction = to * (1.0 / distance);
+    // The sun is so far that single precision would lose the box: a few metres of the way are enough.
+    let reach = distance.min(8000.0);
+    let way = direction * reach;
+    for &j in &stage.casters {
+        if j == own {
+            continue;
+        }
+        let s = &stage.solids[j];
+        let c = s.centre - point;
+        let along = c.dot(direction);
+        if along < -s.bound || along > reach + s.bound {
+            continue;
+        }
+        let wide = s.bound + width * along.max(0.0) + 1.0;
+        if c.dot(c) - along * along > wide * wide {
+            continue;
+        }
+        share *= s.lets_through(point, way, width);
+        if share < 0.01 {
+            return 0.0;
+        }
+    }
+    share
+}
+
+/// Share of the sky that other solids leave open, from their distance to three points above the surface.
+fn open(stage: &Stage<'_>, own: usize, point: V3, normal: V3) -> f32 {
+    const HEIGHTS: [f32; 3] = [22.0, 110.0, 420.0];
+    const WEIGHTS: [f32; 3] = [0.30, 0.28, 0.26];
+    let mut gaps = HEIGHTS;
+    let probes = HEIGHTS.map(|h| point + normal * h);
+    for (j, s) in stage.solids.iter().enumerate() {
+        if j == own {
+            continue;
+        }
+        let c = s.centre - point;
+        let far = s.bound + 2.0 * HEIGHTS[2];
+        if c.dot(c) > far * far {
+            continue;
+        }
+        for (gap, probe) in gaps.iter_mut().zip(probes) {
+            *gap = gap.min(s.gap(probe));
+        }
+    }
+    let mut open = 1.0;
+    for ((gap, height), weight) in gaps.iter().zip(HEIGHTS).zip(WEIGHTS) {
+        open -= weight * (1.0 - gap.max(0.0) / height);
+    }
+    open.max(0.05)
+}

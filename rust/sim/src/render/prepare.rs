@@ -1,0 +1,308 @@
+//! Puts a scene before the camera: solids in the camera frame, stamps drawn for their distance, candidates per tile.
+
+use crate::head::Head;
+use crate::material::{Stamp, Surface};
+use crate::photos::Photos;
+use crate::pose::px_of;
+use crate::raster::Raster;
+use crate::solid::{FACES, Hit, Solid};
+use crate::vec3::{V3, v3};
+use crate::world::{Role, Scene, View, axes};
+use boxline::CameraModel;
+use nalgebra::Vector3;
+
+/// Side of a square of pixels that shares its list of candidates.
+const TILE: usize = 16;
+
+/// A solid larger than this is part of the room: it casts no shadows.
+const ROOM_BOUND_MM: f32 = 2500.0;
+
+/// What may be left out, mostly for tests.
+#[derive(Clone, Copy, Debug)]
+pub struct Options {
+    /// Lasers on.
+    pub lasers: bool,
+    /// Speckle on the stripes.
+    pub speckle: bool,
+    /// Seed of everything that differs between two frames of the same view (speckle, noise).
+    pub seed: u64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { lasers: true, speckle: true, seed: 0 }
+    }
+}
+
+/// A lamp in the camera frame.
+#[derive(Clone, Copy, Debug)]
+pub struct CamLamp {
+    /// Position, mm.
+    pub at: V3,
+    /// Tangent of the half opening.
+    pub width: f32,
+    /// Irradiance at the reference distance.
+    pub power: V3,
+    /// That distance, mm.
+    pub reference_mm: f32,
+}
+
+/// A beam in single precision.
+#[derive(Clone, Copy, Debug)]
+pub struct CamBeam {
+    /// Plane `p . X = 1`, 1/mm.
+    pub plane: V3,
+    /// 1 / |p|, mm.
+    pub plane_mm: f32,
+    /// Source, mm.
+    pub source: V3,
+    /// Middle of the fan.
+    pub forward: V3,
+    /// Cosine of the fan's half opening.
+    pub fan_cos: f32,
+    /// Sheet thickness, rad.
+    pub sigma_rad: f32,
+    /// Peak irradiance at 1 m in scene units; 0 if dead.
+    pub at_1m: f32,
+}
+
+/// Everything that casting a ray needs.
+pub struct Stage<'a> {
+    /// The pixels.
+    pub raster: Raster,
+    /// The camera.
+    pub camera: CameraModel,
+    /// All solids before the camera.
+    pub solids: Vec<Solid>,
+    /// Their roles.
+    pub roles: Vec<Role>,
+    /// Their index among the scene's bodies.
+    pub body: Vec<usize>,
+    pub(super) surfaces: Vec<Surface>,
+    pub(super) gloss: Vec<f32>,
+    pub(super) stamps: Vec<[Vec<Stamp>; FACES]>,
+    /// Which solids cast shadows.
+    pub(super) casters: Vec<usize>,
+    pub(super) lamps: Vec<CamLamp>,
+    pub(super) up: V3,
+    pub(super) sky: V3,
+    pub(super) ground: V3,
+    pub(super) backdrop: V3,
+    /// The four beams.
+    pub beams: [CamBeam; 4],
+    pub(super) laser_casters: [Vec<usize>; 4],
+    /// Multiplies light to full scale.
+    pub exposure: f32,
+    /// Sensor noise of the scene.
+    pub noise: f64,
+    pub(super) photos: &'a Photos,
+    pub(super) cell_per_mm: f32,
+    pub(super) options: Options,
+    tiles: Vec<Vec<u16>>,
+    tiles_across: usize,
+}
+
+impl<'a> Stage<'a> {
+    /// Prepares a scene for one view.
+    #[must_use]
+    pub fn new(
+        scene: &Scene,
+        view: &View,
+        head: &Head,
+        raster: Raster,
+        photos: &'a Photos,
+        options: Options,
+    ) -> Self {
+        let camera = *head.calibration.camera();
+        let cell_per_mm = raster.cell_per_mm(&camera) as f32;
+        let mut placed: Vec<(usize, Solid)> = scene
+            .bodies
+            .iter()
+            .enumerate()
+            .map(|(i, b)| (i, b.solid(view)))
+            .filter(|(_, s)| s.centre.z + s.bound > 0.0)
+            .collect();
+        placed.sort_by(|a, b| a.1.nearest.total_cmp(&b.1.nearest).then(a.0.cmp(&b.0)));
+        let body: Vec<usize> = placed.iter().map(|p| p.0).collect();
+        let solids: Vec<Solid> = placed.into_iter().map(|p| p.1).collect();
+        let bodies = || body.iter().map(|i| &scene.bodies[*i]);
+        let rects: Vec<Option<[f64; 4]>> = solids.iter().map(|s| screen_rect(s, head, &raster)).collect();
+        let stamps = bodies()
+            .zip(&solids)
+            .zip(&rects)
+            .map(|((b, s), rect)| {
+                let mut faces: [Vec<Stamp>; FACES] = Default::default();
+                if rect.is_some() {
+                    for decal in b.look.decals.iter().filter(|d| faces_camera(s, d.face)) {
+                        let foot = cell_per_mm * nearest_of_face(s, decal.face);
+                        if decal.half[0].max(decal.half[1]) > 0.7 * foot {
+                            faces[decal.face].push(decal.stamp(foot));
+                        }
+                    }
+                }
+                faces
+            })
+            .collect();
+        let target = scene.target.map_or(Vector3::new(0.0, 0.0, 500.0), |t| scene.bodies[t].centre);
+        let lamps = scene
+            .light
+            .lamps
+            .iter()
+            .map(|l| CamLamp {
+                at: view.point(l.at_mm).into(),
+                width: l.width,
+                power: l.power,
+                reference_mm: (l.at_mm - target).norm() as f32,
+            })
+            .collect();
+        let normal = -axes(view.face).column(2);
+        let reference = scene.light.free_irradiance(target + normal * 100.0, normal).max(0.1);
+        let beams = [0, 1, 2, 3].map(|i| {
+            let (b, p) = (&head.beams[i], head.plane(i));
+            let on = options.lasers && !scene.dead[i];
+            CamBeam {
+                plane: p.into(),
+                plane_mm: 1.0 / p.norm() as f32,
+                source: b.source_mm.into(),
+                forward: b.forward.into(),
+                fan_cos: b.fan_half_rad.cos() as f32,
+                sigma_rad: b.sigma_rad as f32,
+                at_1m: if on { (b.power * scene.light.laser_to_ambient * reference) as f32 } else { 0.0 },
+            }
+        });
+        let casters: Vec<usize> = (0..solids.len()).filter(|i| solids[*i].bound < ROOM_BOUND_MM).collect();
+        let laser_casters = [0, 1, 2, 3].map(|i| {
+            let beam = &beams[i];
+            casters
+                .iter()
+                .copied()
+                .filter(|j| {
+                    let s = &solids[*j];
+                    ((beam.plane.dot(s.centre) - 1.0) * beam.plane_mm).abs() < s.bound
+                })
+                .collect()
+        });
+        let tiles_across = raster.width.div_ceil(TILE);
+        let tiles = tile_lists(&rects, &raster, tiles_across);
+        Self {
+            raster,
+            camera,
+            roles: bodies().map(|b| b.role).collect(),
+            surfaces: bodies().map(|b| b.look.surface).collect(),
+            gloss: bodies().map(|b| b.look.gloss).collect(),
+            body,
+            solids,
+            stamps,
+            casters,
+            lamps,
+            up: (view.cam_from_world * Vector3::z()).into(),
+            sky: scene.light.sky,
+            ground: scene.light.ground,
+            backdrop: scene.light.backdrop,
+            beams,
+            laser_casters,
+            exposure: view.exposure as f32,
+            noise: scene.light.noise,
+            photos,
+            cell_per_mm,
+            options,
+            tiles,
+            tiles_across,
+        }
+    }
+
+    /// The ray (x, y, 1) of a position on the raster.
+    #[inline]
+    #[must_use]
+    pub fn ray(&self, column: f64, row: f64) -> V3 {
+        self.camera.ray_from_px(self.raster.px(column, row)).xy1.into()
+    }
+
+    /// The nearest solid on a ray through the pixel (column, row), and where.
+    #[inline]
+    #[must_use]
+    pub fn cast(&self, ray: V3, column: usize, row: usize) -> Option<(usize, Hit)> {
+        let tile = (row / TILE) * self.tiles_across + column / TILE;
+        let mut best: Option<(usize, Hit)> = None;
+        let mut limit = f32::INFINITY;
+        for &i in &self.tiles[tile] {
+            let solid = &self.solids[usize::from(i)];
+            if solid.nearest >= limit {
+                break; // sorted by nearest depth: nothing after this can be nearer
+            }
+            if let Some(hit) = solid.hit(ray, limit) {
+                limit = hit.depth;
+                best = Some((usize::from(i), hit));
+            }
+        }
+        best
+    }
+
+    /// Index of the target among the solids.
+    #[must_use]
+    pub fn target(&self) -> Option<usize> {
+        self.roles.iter().position(|r| *r == Role::Target)
+    }
+}
+
+fn corners(half: V3) -> impl Iterator<Item = V3> {
+    (0..8).map(move |i| {
+        let sign = |bit: usize| if i >> bit & 1 == 1 { 1.0 } else { -1.0 };
+        v3(half.x * sign(0), half.y * sign(1), half.z * sign(2))
+    })
+}
+
+/// Columns and rows that a solid can cover; `None` if it is outside the raster.
+fn screen_rect(solid: &Solid, head: &Head, raster: &Raster) -> Option<[f64; 4]> {
+    let (w, h) = (raster.width as f64, raster.height as f64);
+    let everything = [0.0, 0.0, w, h];
+    let mut rect = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
+    let grow = v3(1.0, 1.0, 1.0) * solid.bulge.iter().fold(0f32, |a, b| a.max(b.abs()));
+    for corner in corners(solid.half + grow) {
+        let p = solid.centre + solid.cam_dir(corner);
+        // Points beside or behind the camera have no pixel: then the solid may be anywhere.
+        if p.z < 10.0 || p.x.hypot(p.y) > 1.2 * p.z {
+            return Some(everything);
+        }
+        let cam = Vector3::new(f64::from(p.x), f64::from(p.y), f64::from(p.z));
+        let Some(px) = px_of(head, &cam) else { return Some(everything) };
+        let [c, r] = raster.from_px(px);
+        rect = [rect[0].min(c), rect[1].min(r), rect[2].max(c), rect[3].max(r)];
+    }
+    // Distortion bends straight edges: a few thousandths of their length.
+    let slack = 2.0 + 0.02 * ((rect[2] - rect[0]) + (rect[3] - rect[1]));
+    let rect = [rect[0] - slack, rect[1] - slack, rect[2] + slack, rect[3] + slack];
+    (rect[2] > 0.0 && rect[3] > 0.0 && rect[0] < w && rect[1] < h).then_some(rect)
+}
+
+fn tile_lists(rects: &[Option<[f64; 4]>], raster: &Raster, across: usize) -> Vec<Vec<u16>> {
+    let down = raster.height.div_ceil(TILE);
+    let mut tiles = vec![Vec::new(); across * down];
+    for (i, rect) in rects.iter().enumerate() {
+        let (Some([x0, y0, x1, y1]), Ok(index)) = (rect, u16::try_from(i)) else { continue };
+        let clamp = |x: f64, n: usize| ((x.max(0.0) as usize) / TILE).min(n - 1);
+        for ty in clamp(*y0, down)..=clamp(*y1, down) {
+            for tx in clamp(*x0, across)..=clamp(*x1, across) {
+                tiles[ty * across + tx].push(index);
+            }
+        }
+    }
+    tiles
+}
+
+/// Whether the camera is on the outer side of a face.
+fn faces_camera(solid: &Solid, face: usize) -> bool {
+    let camera = solid.local(V3::default());
+    let side = if face.is_multiple_of(2) { 1.0 } else { -1.0 };
+    camera[face / 2] * side > solid.half[face / 2]
+}
+
+/// Depth of the nearest corner of a face, at least 100 mm.
+fn nearest_of_face(solid: &Solid, face: usize) -> f32 {
+    let side = if face.is_multiple_of(2) { 1.0 } else { -1.0 };
+    corners(solid.half)
+        .filter(|c| c[face / 2] * side > 0.0)
+        .map(|c| (solid.centre + solid.cam_dir(c)).z)
+        .fold(f32::INFINITY, f32::min)
+        .max(100.0)
+}

@@ -1,0 +1,270 @@
+//! Draws a whole scene: box, stand, views that can (or must not) be measured, surroundings, light.
+
+use super::light::lighting;
+use super::{Body, Lighting, Role, View, axes, face_half, room, stand};
+use crate::head::Head;
+use crate::material::carton;
+use crate::photos::Photos;
+use crate::pose::{FacePose, Refuse, place_face, place_unmeasurable, random_orientation};
+use crate::rng::Rng;
+use crate::solid::FACES;
+use nalgebra::Vector3;
+
+/// What is wanted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Plan {
+    /// Two adjacent faces of one box.
+    Box,
+    /// One face.
+    Face,
+    /// One frame that must be refused.
+    Refused(Refuse),
+}
+
+/// A scene with its views.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    /// Everything solid.
+    pub bodies: Vec<Body>,
+    /// Which body is measured.
+    pub target: Option<usize>,
+    /// Light.
+    pub light: Lighting,
+    /// One view a frame.
+    pub views: Vec<View>,
+    /// Lasers that do not shine.
+    pub dead: [bool; 4],
+    /// Why every view must be refused, if so.
+    pub refuse: Option<Refuse>,
+    /// For the truth file: base, stand, neighbours.
+    pub words: Words,
+}
+
+/// Words of the truth file's notes.
+#[derive(Clone, Debug, Default)]
+pub struct Words {
+    /// Base of the target.
+    pub base: &'static str,
+    /// Stand of the target.
+    pub stand: &'static str,
+    /// Neighbours that touch it.
+    pub neighbours: Vec<&'static str>,
+}
+
+/// Height range of the head above the floor, mm: from a hand at the ground to one held overhead.
+const HEAD_HEIGHT_MM: (f64, f64) = (70.0, 2700.0);
+
+/// Draws a scene for a plan. Sizes, stands and poses are drawn until they fit each other; a draw nearly always does.
+pub fn compose(rng: &mut Rng, head: &Head, plan: Plan, photos: &Photos) -> Scene {
+    if plan == Plan::Refused(Refuse::NoBox) {
+        return empty(rng, photos);
+    }
+    loop {
+        if let Some(scene) = attempt(&mut rng.child(), head, plan, photos) {
+            return scene;
+        }
+    }
+}
+
+fn attempt(rng: &mut Rng, head: &Head, plan: Plan, photos: &Photos) -> Option<Scene> {
+    let size = box_size(rng);
+    let half = size / 2.0;
+    let faces = pick_faces(rng, plan);
+    let stand = stand::stand(rng, &size, photos);
+    let centre = Vector3::new(0.0, 0.0, stand.top_mm + half.z);
+    let mut views = Vec::new();
+    for &face in &faces {
+        views.push(view(rng, head, plan, face, centre, &half, &stand.bodies)?);
+    }
+    let carton = carton(rng, &half, photos);
+    let target = Body {
+        centre,
+        rotation: nalgebra::Matrix3::identity(),
+        half,
+        radius_mm: rng.log_range(0.5, 4.0).min(0.02 * half.min()),
+        bulge_mm: bulges(rng, &half),
+        look: carton.look,
+        role: Role::Target,
+    };
+    let light = lighting(rng, centre);
+    let outdoors = light.ambient == "sun";
+    let reach =
+        stand.bodies.iter().fold(half.xy().norm(), |r, b| r.max((b.centre.xy() + b.half.xy()).norm()));
+    let (touching, words) = room::neighbours(rng, &size, stand.top_mm, &faces, photos);
+    let mut bodies = vec![target];
+    bodies.extend(stand.bodies);
+    let fixed = bodies.len();
+    bodies.extend(touching);
+    let near = bodies.len();
+    let shell = room::shell(rng, outdoors, &faces, half.y + 700.0, photos);
+    bodies.extend(shell);
+    bodies.extend(room::clutter(rng, reach, outdoors, photos));
+    let mut scene = Scene {
+        bodies,
+        target: Some(0),
+        light,
+        views,
+        dead: [false; 4],
+        refuse: None,
+        words: super::compose::Words { base: carton.base, stand: stand.word, neighbours: Vec::new() },
+    };
+    if let Plan::Refused(reason) = plan {
+        scene.refuse = Some(reason);
+        if reason == Refuse::LaserDead {
+            scene.dead[rng.below(4)] = true;
+        }
+    }
+    clear_sight(&mut scene, head, fixed, near, &words);
+    expose(rng, &mut scene);
+    Some(scene)
+}
+
+fn box_size(rng: &mut Rng) -> Vector3<f64> {
+    let longest = rng.log_range(105.0, 1800.0);
+    let middle = (longest * rng.range(0.45, 1.0)).max(100.0);
+    let shortest = (middle * rng.range(0.35, 1.0)).max(100.0);
+    // To a tenth of a millimetre, as the truth file gives it.
+    let round = |x: f64| (x * 10.0).round() / 10.0;
+    let (a, b, c) = (round(longest), round(middle), round(shortest));
+    let orders = [(a, b, c), (b, a, c), (a, c, b), (c, a, b), (b, c, a), (c, b, a)];
+    // Boxes mostly lie: the shortest side is up more often than the longest.
+    let lying = if rng.chance(0.55) { rng.below(2) } else { rng.below(6) };
+    let (x, y, z) = orders[lying];
+    Vector3::new(x, y, z)
+}
+
+fn pick_faces(rng: &mut Rng, plan: Plan) -> Vec<usize> {
+    let mut pair = rng.pick([[3, 0], [3, 1], [3, 4], [0, 4], [1, 4], [3, 4]]);
+    if rng.chance(0.5) {
+        pair.swap(0, 1);
+    }
+    if plan == Plan::Box { pair.to_vec() } else { vec![pair[0]] }
+}
+
+fn bulges(rng: &mut Rng, half: &Vector3<f64>) -> [f32; FACES] {
+    if !rng.chance(0.3) {
+        return [0.0; FACES];
+    }
+    let most = 0.004 * half.max();
+    [0; FACES].map(|_| (rng.normal() * most).clamp(-2.5 * most, 2.5 * most) as f32)
+}
+
+fn view(
+    rng: &mut Rng,
+    head: &Head,
+    plan: Plan,
+    face: usize,
+    centre: Vector3<f64>,
+    half: &Vector3<f64>,
+    stand: &[Body],
+) -> Option<View> {
+    let size = face_half(half, face).map(|h| 2.0 * h);
+    for _ in 0..14 {
+        let cam_from_face = random_orientation(rng, face != 4, 40.0);
+        let pose = match plan {
+            Plan::Refused(reason) => place_unmeasurable(rng, head, size, cam_from_face, reason),
+            _ => place_face(rng, head, size, cam_from_face),
+        };
+        let Some(pose) = pose else { continue };
+        let view = View::of_face(&pose, face, centre, half);
+        if stands_free(head, &view, &pose, stand) {
+            return Some(view);
+        }
+    }
+    None
+}
+
+/// Whether the head hangs free above the floor and sees the face past the stand.
+fn stands_free(head: &Head, view: &View, pose: &FacePose, stand: &[Body]) -> bool {
+    let z = view.camera_mm.z;
+    if !(HEAD_HEIGHT_MM.0..=HEAD_HEIGHT_MM.1).contains(&z) {
+        return false;
+    }
+    !stand.iter().any(|b| in_the_way(head, view, pose, b))
+}
+
+/// Whether a body hides part of the face from the camera or from a laser, or is where the head is.
+fn in_the_way(head: &Head, view: &View, pose: &FacePose, body: &Body) -> bool {
+    let mut eyes = vec![view.camera_mm];
+    eyes.extend(head.beams.iter().map(|b| view.world(b.source_mm)));
+    if eyes.iter().any(|e| body.distance_mm(*e) < 40.0) {
+        return true;
+    }
+    let n = 8;
+    for i in 0..=n {
+        for j in 0..=n {
+            let share = |k: i32| (f64::from(k) / f64::from(n) - 0.5) * 1.99;
+            // A little in front of the face: what it stands on touches it.
+            let point = pose.point(share(i) * pose.half[0], share(j) * pose.half[1])
+                - pose.cam_from_face.column(2) * (0.004 * pose.centre.norm());
+            if eyes.iter().any(|e| body.blocks(*e, view.world(point))) {
+                return true;
+            }
+        }
+    }
+    false
+}
+
+/// Takes away whatever hides a face that is looked at; `fixed` bodies stay, the next up to `near` are the neighbours.
+fn clear_sight(scene: &mut Scene, head: &Head, fixed: usize, near: usize, words: &[&'static str]) {
+    let views = scene.views.clone();
+    let Some(target) = scene.target.and_then(|t| scene.bodies.get(t)).cloned() else { return };
+    let mut index = 0;
+    let keep = |b: &Body| {
+        views.iter().all(|v| {
+            let pose = target.face(v.face, v);
+            !in_the_way(head, v, &pose, b)
+        })
+    };
+    let overlaps = |b: &Body| b.role == Role::Carton && b.distance_mm(target.centre) < 1.0;
+    let mut kept_words = Vec::new();
+    scene.bodies.retain(|b| {
+        let i = index;
+        index += 1;
+        let keep = i < fixed || (keep(b) && !overlaps(b));
+        if keep && (fixed..near).contains(&i) {
+            kept_words.extend(words.get(i - fixed));
+        }
+        keep
+    });
+    scene.words.neighbours = kept_words;
+}
+
+/// Sets each view's exposure from the light on the face it shows, half way as an automatic would.
+fn expose(rng: &mut Rng, scene: &mut Scene) {
+    let Some(target) = scene.target.and_then(|t| scene.bodies.get(t)) else { return };
+    for view in &mut scene.views {
+        let normal = -axes(view.face).column(2);
+        let light = scene.light.free_irradiance(target.centre + normal * 100.0, normal).max(0.15);
+        view.exposure = rng.range(0.75, 1.1) / light.powf(0.9);
+    }
+}
+
+/// A scene without a target: the head looks at the floor, a wall or distant clutter.
+pub fn empty(rng: &mut Rng, photos: &Photos) -> Scene {
+    let light = lighting(rng, Vector3::new(0.0, 0.0, 500.0));
+    let outdoors = light.ambient == "sun";
+    let mut bodies = room::shell(rng, outdoors, &[], 800.0, photos);
+    bodies.extend(room::clutter(rng, 2200.0, outdoors, photos));
+    let camera_mm =
+        Vector3::new(rng.range(-300.0, 300.0), rng.range(-1200.0, -200.0), rng.range(500.0, 1700.0));
+    let roll = rng.sign() * rng.range(35.0, 55.0);
+    let (yaw, pitch) = (rng.range(-0.6, 0.6), rng.range(-1.4, 0.1));
+    let forward = Vector3::new(yaw.sin() * pitch.cos(), yaw.cos() * pitch.cos(), pitch.sin());
+    let right = forward.cross(&Vector3::z()).normalize();
+    let upright = nalgebra::Matrix3::from_columns(&[right, forward.cross(&right), forward]);
+    let turn = nalgebra::Rotation3::from_axis_angle(&Vector3::z_axis(), roll.to_radians());
+    let cam_from_world = turn.into_inner() * upright.transpose();
+    let exposure = rng.range(0.7, 1.1) / light.free_irradiance(Vector3::zeros(), Vector3::z()).max(0.2);
+    bodies.retain(|b| b.distance_mm(camera_mm) > 150.0);
+    let view = View { cam_from_world, camera_mm, face: 0, exposure };
+    Scene {
+        bodies,
+        target: None,
+        light,
+        views: vec![view],
+        dead: [false; 4],
+        refuse: Some(Refuse::NoBox),
+        words: Words { base: "none", stand: "none", neighbours: Vec::new() },
+    }
+}

@@ -1,0 +1,165 @@
+//! A scene in world coordinates: z up, floor at z = 0, the target box upright about x = y = 0, its front towards -y.
+//!
+//! [`compose`] draws a whole measurement (box, poses, surroundings, light); [`View`] says where the head stands.
+
+pub mod compose;
+pub mod light;
+pub mod room;
+pub mod stand;
+
+pub use compose::{Plan, Scene, compose, empty};
+pub use light::Lighting;
+
+use crate::material::Look;
+use crate::pose::FacePose;
+use crate::solid::{FACES, Solid, face_axes};
+use nalgebra::{Matrix3, Rotation3, Vector3};
+
+/// What a body is in the truth and the labels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Role {
+    /// The box to be measured.
+    Target,
+    /// Another box.
+    Carton,
+    /// What boxes stand on: pallet, table, shelf.
+    Stand,
+    /// Floor, wall, rack.
+    Room,
+    /// Something that may hide parts of the target: cable, strap end, hand.
+    Occluder,
+}
+
+/// A cuboid of the scene.
+#[derive(Clone, Debug)]
+pub struct Body {
+    /// Middle, mm.
+    pub centre: Vector3<f64>,
+    /// World from body.
+    pub rotation: Matrix3<f64>,
+    /// Half sizes, mm.
+    pub half: Vector3<f64>,
+    /// Edge radius, mm.
+    pub radius_mm: f64,
+    /// Outward bulge of each face, mm.
+    pub bulge_mm: [f32; FACES],
+    /// Appearance.
+    pub look: Look,
+    /// Meaning.
+    pub role: Role,
+}
+
+impl Body {
+    /// An upright body, turned by `yaw_rad` about z, given by its foot (the middle of its underside).
+    #[must_use]
+    pub fn upright(foot: Vector3<f64>, size: Vector3<f64>, yaw_rad: f64, look: Look, role: Role) -> Self {
+        Self {
+            centre: foot + Vector3::z() * (size.z / 2.0),
+            rotation: Rotation3::from_axis_angle(&Vector3::z_axis(), yaw_rad).into_inner(),
+            half: size / 2.0,
+            radius_mm: 0.0,
+            bulge_mm: [0.0; FACES],
+            look,
+            role,
+        }
+    }
+
+    /// Rounds the edges.
+    #[must_use]
+    pub fn rounded(self, radius_mm: f64) -> Self {
+        Self { radius_mm, ..self }
+    }
+
+    /// The body in the camera frame of a view.
+    #[must_use]
+    pub fn solid(&self, view: &View) -> Solid {
+        Solid::new(
+            &(view.cam_from_world * self.rotation),
+            view.point(self.centre),
+            self.half,
+            self.radius_mm,
+            self.bulge_mm,
+        )
+    }
+
+    /// The face of the sharp box in the camera frame.
+    #[must_use]
+    pub fn face(&self, index: usize, view: &View) -> FacePose {
+        let cam_from_face = view.cam_from_world * self.rotation * axes(index);
+        let half = face_half(&self.half, index);
+        let out = -axes(index).column(2) * self.half[index / 2];
+        FacePose { cam_from_face, centre: view.point(self.centre + self.rotation * out), half }
+    }
+
+    /// Whether the segment between two world points meets the body.
+    #[must_use]
+    pub fn blocks(&self, from: Vector3<f64>, to: Vector3<f64>) -> bool {
+        let o = self.rotation.transpose() * (from - self.centre);
+        let d = self.rotation.transpose() * (to - from);
+        let (mut near, mut far) = (0.0f64, 0.9995f64);
+        for axis in 0..3 {
+            let inverse = 1.0 / if d[axis].abs() < 1e-12 { 1e-12 } else { d[axis] };
+            let (a, b) = ((-self.half[axis] - o[axis]) * inverse, (self.half[axis] - o[axis]) * inverse);
+            near = near.max(a.min(b));
+            far = far.min(a.max(b));
+        }
+        near < far
+    }
+
+    /// Distance of a world point to the body, mm; 0 inside.
+    #[must_use]
+    pub fn distance_mm(&self, point: Vector3<f64>) -> f64 {
+        let p = self.rotation.transpose() * (point - self.centre);
+        (p.abs() - self.half).map(|c| c.max(0.0)).norm()
+    }
+}
+
+/// Columns right, down, into the box of a face in its body's frame.
+#[must_use]
+pub fn axes(face: usize) -> Matrix3<f64> {
+    let (right, down) = face_axes(face);
+    Matrix3::from_columns(&[right, down, right.cross(&down)])
+}
+
+/// Half sizes of a face along right and down.
+#[must_use]
+pub fn face_half(half: &Vector3<f64>, face: usize) -> [f64; 2] {
+    let (right, down) = face_axes(face);
+    [right.component_mul(half).norm(), down.component_mul(half).norm()]
+}
+
+/// Where the head is.
+#[derive(Clone, Copy, Debug)]
+pub struct View {
+    /// Rotation from the world to the camera frame.
+    pub cam_from_world: Matrix3<f64>,
+    /// Camera's centre in the world, mm.
+    pub camera_mm: Vector3<f64>,
+    /// The face looked at.
+    pub face: usize,
+    /// Exposure: 1 maps a white surface under the face's light to full scale.
+    pub exposure: f64,
+}
+
+impl View {
+    /// The view in which face `index` of an upright box about `box_centre` has the given pose.
+    #[must_use]
+    pub fn of_face(pose: &FacePose, index: usize, box_centre: Vector3<f64>, half: &Vector3<f64>) -> Self {
+        let cam_from_world = pose.cam_from_face * axes(index).transpose();
+        let face_centre = box_centre - axes(index).column(2) * half[index / 2];
+        let camera_mm = face_centre - cam_from_world.transpose() * pose.centre;
+        Self { cam_from_world, camera_mm, face: index, exposure: 1.0 }
+    }
+
+    /// A world point in the camera frame.
+    #[must_use]
+    pub fn point(&self, world: Vector3<f64>) -> Vector3<f64> {
+        self.cam_from_world * (world - self.camera_mm)
+    }
+
+    /// A point of the camera frame in the world.
+    #[must_use]
+    pub fn world(&self, cam: Vector3<f64>) -> Vector3<f64> {
+        self.cam_from_world.transpose() * cam + self.camera_mm
+    }
+}
