@@ -1,6 +1,7 @@
-//! The classical edge map: gradient magnitude at half resolution, thinned to ridges. The place of the paper's network map.
+//! The classical edge map: gradient of the tone at half resolution in units of its
+//! noise, thinned to ridges. The place of the paper's network map.
 
-use super::brightness_half;
+use super::{noise_of, tone_half};
 use crate::image::Frame;
 use crate::units::Px;
 
@@ -13,30 +14,26 @@ pub(crate) struct EdgePixel {
     pub normal_rad: f32,
 }
 
-/// Weakest gradient that counts, grey levels per half-resolution px: cardboard texture reaches about 1.
-const MIN_GRADIENT: f32 = 1.2;
+/// Weakest gradient that counts, in units of the median gradient's sigma: after smoothing, texture seldom exceeds it, and
+/// what does is not straight.
+const MIN_SIGMAS: f32 = 2.0;
+/// Least noise, grey levels per half-resolution px: JPEG's own step.
+const NOISE_FLOOR: f32 = 0.1;
 
 /// All ridge pixels of the gradient magnitude.
 pub(crate) fn edge_pixels(frame: &Frame) -> Vec<EdgePixel> {
-    let (w, h, grey) = brightness_half(frame);
+    let (w, h, planes) = tone_half(frame);
     let mut magnitude = vec![0f32; w * h];
     let mut gradient = vec![(0f32, 0f32); w * h];
-    for y in 1..h.saturating_sub(1) {
-        for x in 1..w.saturating_sub(1) {
-            let at = |dx: usize, dy: usize| grey[(y + dy - 1) * w + x + dx - 1];
-            // Sobel, normalised to grey levels per pixel.
-            let gx = (at(2, 0) + 2.0 * at(2, 1) + at(2, 2) - at(0, 0) - 2.0 * at(0, 1) - at(0, 2)) / 8.0;
-            let gy = (at(0, 2) + 2.0 * at(1, 2) + at(2, 2) - at(0, 0) - 2.0 * at(1, 0) - at(2, 0)) / 8.0;
-            gradient[y * w + x] = (gx, gy);
-            magnitude[y * w + x] = gx.hypot(gy);
-        }
+    for plane in planes {
+        add_gradients(w, h, &smoothed(w, h, &plane), &mut gradient, &mut magnitude);
     }
     let mut pixels = Vec::new();
     for y in 2..h.saturating_sub(2) {
         for x in 2..w.saturating_sub(2) {
             let i = y * w + x;
             let m = magnitude[i];
-            if m < MIN_GRADIENT {
+            if m < MIN_SIGMAS {
                 continue;
             }
             let (gx, gy) = gradient[i];
@@ -58,4 +55,49 @@ pub(crate) fn edge_pixels(frame: &Frame) -> Vec<EdgePixel> {
         }
     }
     pixels
+}
+
+/// Binomial smoothing with 5 x 5 weights (sigma 1 px).
+fn smoothed(w: usize, h: usize, plane: &[f32]) -> Vec<f32> {
+    let blur = |v: &dyn Fn(isize) -> f32| (v(-2) + v(2) + 4.0 * (v(-1) + v(1)) + 6.0 * v(0)) / 16.0;
+    let mut rows = vec![0f32; w * h];
+    for y in 0..h {
+        let row = &plane[y * w..][..w];
+        for (x, out) in rows[y * w..][..w].iter_mut().enumerate() {
+            *out = blur(&|d| row[(x as isize + d).clamp(0, w as isize - 1) as usize]);
+        }
+    }
+    let mut result = vec![0f32; w * h];
+    for y in 0..h {
+        for x in 0..w {
+            result[y * w + x] = blur(&|d| rows[(y as isize + d).clamp(0, h as isize - 1) as usize * w + x]);
+        }
+    }
+    result
+}
+
+/// Keeps, at each pixel, the gradient that stands out most against its channel's noise.
+fn add_gradients(w: usize, h: usize, plane: &[f32], gradient: &mut [(f32, f32)], magnitude: &mut [f32]) {
+    // Central differences: the smoothing before is filter enough.
+    let at = |x: usize, y: usize| {
+        let i = y * w + x;
+        (0.5 * (plane[i + 1] - plane[i - 1]), 0.5 * (plane[i + w] - plane[i - w]))
+    };
+    let inner = |n: usize| 1..n.saturating_sub(1);
+    let mut sample: Vec<f32> = inner(h)
+        .step_by(7)
+        .flat_map(|y| inner(w).step_by(7).map(move |x| (x, y)))
+        .map(|(x, y)| at(x, y).0.abs())
+        .collect();
+    let noise = noise_of(&mut sample, NOISE_FLOOR);
+    for y in inner(h) {
+        for x in inner(w) {
+            let (gx, gy) = at(x, y);
+            let sigmas = gx.hypot(gy) / noise;
+            if sigmas > magnitude[y * w + x] {
+                magnitude[y * w + x] = sigmas;
+                gradient[y * w + x] = (gx / noise, gy / noise);
+            }
+        }
+    }
 }

@@ -73,21 +73,22 @@ pub(crate) fn noise_of(absolute: &mut [f32], floor: f32) -> f32 {
     (*absolute.select_nth_unstable_by(middle, f32::total_cmp).1 / 0.6745).max(floor)
 }
 
-/// Brightness at half resolution, grey levels.
-pub(crate) fn brightness_half(frame: &Frame) -> (usize, usize, Vec<f32>) {
+/// The tone at half resolution, one plane a channel.
+pub(crate) fn tone_half(frame: &Frame) -> (usize, usize, [Vec<f32>; 2]) {
     let (w, h) = (frame.width_px() / 2, frame.height_px() / 2);
     let stride = frame.width_px() * 3;
-    let mut out = vec![0f32; w * h];
-    for (j, row) in out.chunks_exact_mut(w.max(1)).enumerate() {
+    let mut planes = [vec![0f32; w * h], vec![0f32; w * h]];
+    for j in 0..h {
         let top = &frame.rgb()[2 * j * stride..][..w * 6];
         let bottom = &frame.rgb()[(2 * j + 1) * stride..][..w * 6];
-        for ((o, t), b) in row.iter_mut().zip(top.chunks_exact(6)).zip(bottom.chunks_exact(6)) {
-            let sum: u16 =
-                [t[1], t[2], t[4], t[5], b[1], b[2], b[4], b[5]].iter().map(|x| u16::from(*x)).sum();
-            *o = f32::from(sum) / 8.0;
+        for (i, (t, b)) in top.chunks_exact(6).zip(bottom.chunks_exact(6)).enumerate() {
+            let sum = |c: usize| [t[c], t[c + 3], b[c], b[c + 3]].iter().map(|x| f32::from(*x)).sum::<f32>();
+            let (red, green, blue) = (sum(0), sum(1), sum(2));
+            planes[0][j * w + i] = (green + blue) / 8.0;
+            planes[1][j * w + i] = (red - blue) / 8.0;
         }
     }
-    (w, h, out)
+    (w, h, planes)
 }
 
 #[cfg(test)]
