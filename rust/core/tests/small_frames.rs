@@ -170,3 +170,60 @@ fn broken_jpegs_are_errors() {
         assert_eq!(error.kind(), ErrorKind::InvalidFrame);
     }
 }
+
+/// Numbers of any size, most of them ordinary.
+fn numbers() -> impl Strategy<Value = f64> {
+    let special = vec![0.0, 1.0, -1.0, 1e-300, 1e300, f64::NAN, f64::INFINITY];
+    prop_oneof![8 => -0.02..0.02f64, 1 => prop::sample::select(special), 1 => any::<f64>()]
+}
+
+/// The head's laser planes with one or two numbers replaced.
+fn strange_planes() -> impl Strategy<Value = [[f64; 3]; 4]> {
+    prop::collection::vec((0..4usize, 0..3usize, numbers()), 1..3).prop_map(|changes| {
+        let mut planes = LASERS;
+        for (plane, number, value) in changes {
+            planes[plane][number] = value;
+        }
+        planes
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(400))]
+    /// Whatever a calibration file holds: an error that names it, or a head with which frames can be judged.
+    #[test]
+    fn a_strange_calibration_is_an_error_or_does_no_harm(
+        planes in strange_planes(),
+        focal in prop_oneof![Just(60.0), 1.0..600.0f64, prop::sample::select(vec![f64::NAN, 0.0, -60.0])],
+        distortion in [prop_oneof![-0.5..0.5f64, -1e9..1e9], prop_oneof![-0.5..0.5f64, -1e9..1e9]],
+        centre in prop_oneof![-100.0..200.0f64, -1e9..1e9],
+        seed: u32
+    ) {
+        let camera = CameraModel {
+            fx: focal,
+            fy: focal,
+            skew: 0.0,
+            cx: centre,
+            cy: 32.0,
+            k1: distortion[0],
+            k2: distortion[1],
+        };
+        let planes = planes.map(|[a, b, c]| [a, b, c, -1.0]);
+        if let Ok(calibration) = Calibration::new("strange", [96, 64], camera, planes) {
+            let frame = Frame::from_rgb(96, 64, noise(96, 64, seed)).expect("the size fits");
+            check(&frame, &calibration)?;
+        }
+    }
+}
+
+/// Laser planes whose pairs cross in space but whose stripes are parallel in the image.
+#[test]
+fn pairs_that_only_cross_in_depth_do_no_harm() {
+    let camera = CameraModel { fx: 90.0, fy: 90.0, skew: 0.0, cx: 48.0, cy: 32.0, k1: 0.0, k2: 0.0 };
+    let planes =
+        [[0.01, 0.0, 0.0, -1.0], [0.012, 0.0, 0.0, -1.0], [0.01, 0.0, 0.02, -1.0], [0.008, 0.0, 0.02, -1.0]];
+    if let Ok(calibration) = Calibration::new("flat", [96, 64], camera, planes) {
+        let frame = Frame::from_rgb(96, 64, noise(96, 64, 1)).expect("the size fits");
+        check(&frame, &calibration).expect("judged");
+    }
+}
