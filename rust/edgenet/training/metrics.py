@@ -19,6 +19,7 @@ THRESHOLDS = torch.arange(0.1, 0.91, 0.05)
 LINE_CHANNELS = tuple(c for c in CHANNELS if c not in ("face_mask", "corner"))
 LINE_FITTED_FROM = 0.3  # pixels of a laser map from here on vote in its line fit
 NET_SCALE = 2.0  # network input pixels per label pixel; line errors are given in input pixels
+NO_CONTRAST = (None,) * 4
 CONTRAST_BINS = (("dim", 0.0, 30.0), ("mid", 30.0, 100.0), ("bright", 100.0, float("inf")))
 
 
@@ -113,7 +114,10 @@ def line_error_px(prediction: np.ndarray, truth: np.ndarray) -> float | None:
     return NET_SCALE * float(np.abs((ends - found[0]) @ normal).max())
 
 
-def contrast_bin(contrast: float) -> str:
+def contrast_bin(contrast: float | None) -> str | None:
+    """None where there is no such laser in the frame, or the renderer does not say."""
+    if contrast is None:
+        return None
     return next(name for name, low, high in CONTRAST_BINS if low <= contrast < high)
 
 
@@ -144,7 +148,7 @@ class Scores:
             index = CHANNELS.index(channel)
             bins = None
             if index < 4:
-                bins = [contrast_bin(m["contrast"][index]) if m.get("contrast") else None for m in metas]
+                bins = [contrast_bin((m.get("contrast") or NO_CONTRAST)[index]) for m in metas]
             self._add_lines(channel, prediction[:, index : index + 1], labels[:, index : index + 1], bins)
         self._add_mask(prediction[:, 7] >= 0.5, labels[:, 7] >= 0.5)
         for frame in range(len(labels)):
@@ -170,7 +174,7 @@ class Scores:
 
     def _add_fits(self, prediction: np.ndarray, truth: np.ndarray, meta: dict) -> None:
         errors = [line_error_px(*pair) for pair in zip(prediction, truth)]
-        contrast = meta.get("contrast") or [None] * 4
+        contrast = meta.get("contrast") or NO_CONTRAST
         for error, level in zip(errors, contrast):
             if error is not None:
                 self.line_errors["all"].append(error)

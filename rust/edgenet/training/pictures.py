@@ -1,10 +1,12 @@
 """Draws what a network sees: image, prediction and truth of a few frames, side by side.
 
     python pictures.py --run runs/boxnet [--seed 1099511627776] [--frames 6]      -> RUN/pictures.png
+    python pictures.py --render COMMAND --output FILE                             frames and labels alone, and frames/s
 """
 
 import argparse
 import sys
+import time
 from pathlib import Path
 
 import matplotlib
@@ -33,13 +35,18 @@ def painted(maps: np.ndarray) -> np.ndarray:
     return picture.clip(0, 255).astype(np.uint8)
 
 
-def draw(frames: list[Frame], predictions: np.ndarray, path: Path) -> Path:
-    """Predictions: n, channels or 1, h, w; 0..1."""
+def draw(frames: list[Frame], predictions: np.ndarray | None, path: Path) -> Path:
+    """Predictions: n, channels or 1, h, w; 0..1. Without any, the labels lie over the image in their place."""
     figure, axes = plt.subplots(len(frames), 3, figsize=(13, 3.3 * len(frames)), squeeze=False, layout="constrained")
-    for row, frame, prediction in zip(axes, frames, predictions):
+    for index, (row, frame) in enumerate(zip(axes, frames)):
         labels = frame.labels.astype(np.float32) / 255
+        prediction = None if predictions is None else predictions[index]
         row[0].imshow(frame.rgb)
-        if len(prediction) == 1:
+        if prediction is None:
+            over = painted(labels).repeat(2, 0).repeat(2, 1)
+            row[1].imshow(np.maximum(frame.rgb // 2, over[: frame.rgb.shape[0], : frame.rgb.shape[1]]))
+            row[2].imshow(painted(labels))
+        elif len(prediction) == 1:
             import torch
 
             row[1].imshow(prediction[0], cmap="gray", vmin=0, vmax=1)
@@ -48,7 +55,7 @@ def draw(frames: list[Frame], predictions: np.ndarray, path: Path) -> Path:
             row[1].imshow(painted(prediction))
             row[2].imshow(painted(labels))
         row[0].set_title(f"seed {frame.seed}, contrast {frame.meta.get('contrast')}", fontsize=8)
-        row[1].set_title("prediction", fontsize=8)
+        row[1].set_title("labels over the image" if prediction is None else "prediction", fontsize=8)
         row[2].set_title("truth", fontsize=8)
         for axis in row:
             axis.axis("off")
@@ -66,10 +73,20 @@ def main() -> None:
     import train
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--run", type=Path, required=True)
+    parser.add_argument("--run", type=Path)
+    parser.add_argument("--render", default=stream.DEFAULT_COMMAND)
+    parser.add_argument("--output", type=Path)
     parser.add_argument("--seed", type=int, default=train.VALIDATION_SEED)
     parser.add_argument("--frames", type=int, default=6)
     arguments = parser.parse_args()
+    if arguments.run is None:
+        if arguments.output is None:
+            parser.error("either --run or --output")
+        began = time.monotonic()
+        frames = list(stream.frames(arguments.render, arguments.seed, arguments.frames))
+        print(f"{len(frames) / (time.monotonic() - began):.1f} frames/s with the renderer's start; meta data of the last: {frames[-1].meta}")
+        print(draw(frames, None, arguments.output))
+        return
     state = checkpoint.load_newest(arguments.run)
     if state is None:
         sys.exit(f"pictures: there is no checkpoint in {arguments.run}")
