@@ -51,8 +51,10 @@ pub struct Trace {
     pub pixel: u32,
     /// 0 to 3.
     pub laser: u8,
-    /// Distance of the pixel from the stripe's middle, pixels of the raster.
+    /// Signed distance of the pixel from the stripe's middle, pixels of the raster.
     pub off_px: f32,
+    /// Unit vector across the stripe (columns, rows) along which that distance counts.
+    pub across: [f32; 2],
     /// What the stripe adds to the red channel, full scale 1 (not clipped).
     pub red: f32,
 }
@@ -121,10 +123,12 @@ impl Stage<'_> {
                 continue;
             }
             if let Some(keep) = keep.as_deref_mut() {
+                let (off_px, across) = self.off_px(beam, ray, point, normal);
                 keep.push(Trace {
                     pixel: (pixel.1 * self.raster.width + pixel.0) as u32,
                     laser: k as u8,
-                    off_px: self.off_px(beam, ray, point, normal, cell),
+                    off_px,
+                    across,
                     red: irradiance * red_per_irradiance,
                 });
             }
@@ -162,14 +166,12 @@ impl Stage<'_> {
         sum / 16.0
     }
 
-    /// Distance of a pixel from the stripe on the tangent plane, in pixels of the raster.
-    fn off_px(&self, beam: &CamBeam, ray: V3, point: V3, normal: V3, cell: f32) -> f32 {
+    /// Signed distance of a pixel from the stripe on the tangent plane, in pixels of the raster, and its direction.
+    fn off_px(&self, beam: &CamBeam, ray: V3, point: V3, normal: V3) -> (f32, [f32; 2]) {
         // On the plane q . X = 1 the stripe is the line (q - p) . x = 0 of the ideal image.
-        let offset = normal.dot(point);
-        let q = normal * (1.0 / offset);
-        let line = q - beam.plane;
-        let _ = cell;
-        line.dot(ray) / (line.x.hypot(line.y) * self.cell_per_mm)
+        let line = normal * (1.0 / normal.dot(point)) - beam.plane;
+        let slope = 1.0 / line.x.hypot(line.y).max(1e-12);
+        (line.dot(ray) * slope / self.cell_per_mm, [line.x * slope, line.y * slope])
     }
 
     fn speckle_at(&self, k: usize, pixel: (usize, usize), coarse: bool) -> f32 {

@@ -20,6 +20,7 @@ pub struct Lit {
 pub struct Grid {
     step: usize,
     across: usize,
+    most: f32,
     nodes: Vec<(u16, Lit)>,
 }
 
@@ -66,10 +67,10 @@ impl Grid {
                 });
             }
         }
-        Self { step, across, nodes }
+        Self { step, across, most: if stage.raster.scale() > 1.5 { 0.35 } else { 0.12 }, nodes }
     }
 
-    /// Light at a pixel of a face; `None` where no node of the cell is on that face.
+    /// Light at a pixel of a face; `None` where no node of the cell is on that face, or light changes too fast.
     #[inline]
     #[must_use]
     pub fn lit(&self, id: u16, column: usize, row: usize) -> Option<Lit> {
@@ -83,6 +84,7 @@ impl Grid {
             self.nodes[at + self.across],
             self.nodes[at + self.across + 1],
         ];
+        let (mut low, mut high) = (f32::MAX, f32::MIN);
         let weights = [(1.0 - x) * (1.0 - y), x * (1.0 - y), (1.0 - x) * y, x * y];
         let mut sum = Lit::default();
         let mut total = 0.0;
@@ -90,12 +92,15 @@ impl Grid {
             if *node == id {
                 let w = weight + 1e-4;
                 total += w;
+                let brightness = lit.open + lit.lamps[0] + lit.lamps[1];
+                (low, high) = (low.min(brightness), high.max(brightness));
                 sum.open += lit.open * w;
                 sum.lamps[0] += lit.lamps[0] * w;
                 sum.lamps[1] += lit.lamps[1] * w;
             }
         }
-        if total <= 0.0 {
+        // The border of a shadow runs through this cell: interpolation would show the grid.
+        if total <= 0.0 || high - low > self.most {
             return None;
         }
         let s = 1.0 / total;

@@ -106,7 +106,7 @@ fn attempt(rng: &mut Rng, head: &Head, plan: Plan, photos: &Photos) -> Option<Sc
         views,
         dead: [false; 4],
         refuse: None,
-        words: super::compose::Words { base: carton.base, stand: stand.word, neighbours: Vec::new() },
+        words: Words { base: carton.base, stand: stand.word, neighbours: Vec::new() },
     };
     if let Plan::Refused(reason) = plan {
         scene.refuse = Some(reason);
@@ -266,5 +266,43 @@ pub fn empty(rng: &mut Rng, photos: &Photos) -> Scene {
         dead: [false; 4],
         refuse: Some(Refuse::NoBox),
         words: Words { base: "none", stand: "none", neighbours: Vec::new() },
+    }
+}
+
+/// Puts one or two things before the target: a cable, a strap end, a hand's breadth of something dark or skin coloured.
+pub fn occlude(rng: &mut Rng, scene: &mut Scene, view: &View, head: &Head) {
+    let Some(target) = scene.target.and_then(|t| scene.bodies.get(t)) else { return };
+    let pose = target.face(view.face, view);
+    for _ in 0..1 + rng.below(2) {
+        let near = rng.range(0.35, 0.93);
+        let aim = pose.point(rng.range(-1.0, 1.0) * pose.half[0], rng.range(-1.0, 1.0) * pose.half[1]) * near;
+        let z = aim.z;
+        let (size, rgb) = match rng.below(3) {
+            0 => (Vector3::new(rng.range(0.01, 0.02) * z, 3.0 * z, 0.01 * z), [28, 28, 30]),
+            1 => {
+                (Vector3::new(rng.range(0.03, 0.06) * z, rng.range(0.3, 0.8) * z, 0.01 * z), [190, 170, 130])
+            }
+            _ => {
+                (Vector3::new(rng.range(0.06, 0.12) * z, rng.range(0.15, 0.5) * z, 0.05 * z), [196, 145, 120])
+            }
+        };
+        let turn = nalgebra::Rotation3::from_euler_angles(
+            rng.normal() * 0.2,
+            rng.normal() * 0.2,
+            rng.range(0.0, std::f64::consts::TAU),
+        );
+        let body = Body {
+            centre: view.world(aim),
+            rotation: view.cam_from_world.transpose() * turn.into_inner(),
+            half: size / 2.0,
+            radius_mm: 0.3 * size.x.min(size.z),
+            bulge_mm: [0.0; FACES],
+            look: crate::material::Look::bare(super::stand::paint(rng, rgb), 0.05),
+            role: Role::Occluder,
+        };
+        let clear = head.beams.iter().map(|b| view.world(b.source_mm)).chain([view.camera_mm]);
+        if clear.into_iter().all(|eye| body.distance_mm(eye) > 60.0) {
+            scene.bodies.push(body);
+        }
     }
 }

@@ -7,7 +7,7 @@ pub mod light;
 pub mod room;
 pub mod stand;
 
-pub use compose::{Plan, Scene, compose, empty};
+pub use compose::{Plan, Scene, compose, empty, occlude};
 pub use light::Lighting;
 
 use crate::material::Look;
