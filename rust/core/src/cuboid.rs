@@ -73,6 +73,15 @@ pub(crate) fn assemble(first: &FaceMeasurement, second: &FaceMeasurement, choose
     }
 }
 
+/// Whether two outcomes are the same box within their uncertainties.
+pub(crate) fn same_outcome(a: &Outcome, b: &Outcome) -> bool {
+    match (a, b) {
+        (Outcome::Measured(a), Outcome::Measured(b)) => same_box(a, b),
+        (Outcome::Ambiguous([a, b]), Outcome::Ambiguous([c, d])) => same_box(a, c) && same_box(b, d),
+        _ => false,
+    }
+}
+
 fn same_box(a: &BoxMeasurement, b: &BoxMeasurement) -> bool {
     let near = |x: Estimate, y: Estimate| {
         (x.value_mm - y.value_mm).abs()

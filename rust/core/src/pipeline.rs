@@ -11,7 +11,7 @@ use crate::measurement::{
     BoxReport, EdgeMethod, FaceMeasurement, FaceOutcome, Outcome, Settings, StageTimes,
 };
 use crate::rectangle;
-use crate::rectangle::hypothesize::hypothesize;
+use crate::rectangle::hypothesize::{Which, hypothesize};
 use crate::reject::Reject;
 use crate::stripe::grid_search::{self, GridHypothesis};
 use std::time::Instant;
@@ -68,8 +68,13 @@ pub fn measure_face(
         ));
     }
     let mut clock = Clock { since: Instant::now(), times };
-    Ok(match face_stages(frame, calibration, settings, &mut clock) {
-        Ok(face) => FaceOutcome::Measured(Box::new(face)),
+    Ok(match face_stages(frame, calibration, settings, Which::Best, &mut clock) {
+        Ok(faces) => faces
+            .into_iter()
+            .next()
+            .map_or(FaceOutcome::Rejected(Reject::RectangleOpen { sides_found: 0 }), |face| {
+                FaceOutcome::Measured(Box::new(face))
+            }),
         Err(reject) => FaceOutcome::Rejected(reject),
     })
 }
@@ -78,8 +83,9 @@ fn face_stages(
     frame: &Frame,
     calibration: &Calibration,
     settings: &Settings,
+    which: Which,
     clock: &mut Clock<'_>,
-) -> Result<FaceMeasurement, Reject> {
+) -> Result<Vec<FaceMeasurement>, Reject> {
     let (width, height, redness) = half_redness(frame);
     let diagonals = grid_search::diagonals(calibration);
     let maps = diagonals.map(|d: Diagonal| ridge_map(width, height, &redness, d));
@@ -88,9 +94,9 @@ fn face_stages(
     clock.lap("grid");
     let mut refusal: Option<(f32, Reject)> = None;
     for hypothesis in &planes {
-        let result = measure_on_plane(frame, calibration, settings, hypothesis, clock);
+        let result = measure_on_plane(frame, calibration, settings, hypothesis, which, clock);
         match result {
-            Ok(face) => return Ok(face),
+            Ok(faces) => return Ok(faces),
             Err(reject) => {
                 if refusal.as_ref().is_none_or(|(total, _)| hypothesis.total() > *total) {
                     refusal = Some((hypothesis.total(), reject));
@@ -117,26 +123,35 @@ fn measure_on_plane(
     calibration: &Calibration,
     settings: &Settings,
     hypothesis: &GridHypothesis,
+    which: Which,
     clock: &mut Clock<'_>,
-) -> Result<FaceMeasurement, Reject> {
+) -> Result<Vec<FaceMeasurement>, Reject> {
     let no_box = |best_share: f64| Reject::NoBox { best_share, needed_share: MIN_SEEN_SHARE };
     let face = follow_stripes(frame, calibration, &hypothesis.plane);
     clock.lap("stripes");
     let face = face.ok_or_else(|| no_box(0.0))?;
     check_stripes(&face).map_err(no_box)?;
-    let rough = hypothesize(frame, calibration, &face);
+    let roughs = hypothesize(frame, calibration, &face, which);
     clock.lap("sides");
-    let rough = rough?;
-    let keep_out = rectangle::keep_out(calibration, &face, &rough);
     let detector: &dyn EdgeDetector = match settings.edges {
         EdgeMethod::Gradient => &GradientDetector,
         EdgeMethod::Hough => &HoughDetector,
     };
-    let edges = detector.edge_points(frame, calibration, &rough, &keep_out);
-    clock.lap("edges");
-    let result = rectangle::measure(frame, calibration, &face, &rough, &edges, settings.method);
-    clock.lap("fit");
-    result
+    let mut faces = Vec::new();
+    for (index, rough) in roughs?.iter().enumerate() {
+        let keep_out = rectangle::keep_out(calibration, &face, rough);
+        let edges = detector.edge_points(frame, calibration, rough, &keep_out);
+        clock.lap("edges");
+        let result = rectangle::measure(frame, calibration, &face, rough, &edges, settings.method);
+        clock.lap("fit");
+        match result {
+            Ok(face) => faces.push(face),
+            // An alternative that fails is none.
+            Err(reject) if index == 0 => return Err(reject),
+            Err(_) => {}
+        }
+    }
+    Ok(faces)
 }
 
 /// Every stripe must be seen on the plane, and the centres must scatter as they should; else the share that was seen.
@@ -164,5 +179,42 @@ pub fn measure_box(
         (FaceOutcome::Measured(a), FaceOutcome::Measured(b)) => cuboid::assemble(a, b, settings.choose),
         (FaceOutcome::Rejected(r), _) | (_, FaceOutcome::Rejected(r)) => Outcome::Rejected(r.clone()),
     };
-    Ok(BoxReport { outcome, faces: [a, b] })
+    if !matches!(outcome, Outcome::Rejected(Reject::SidesDisagree { .. })) {
+        return Ok(BoxReport { outcome, faces: [a, b] });
+    }
+    let agreed = with_alternatives([first, second], calibration, settings, times);
+    Ok(agreed.unwrap_or(BoxReport { outcome, faces: [a, b] }))
+}
+
+/// When the likeliest faces share no side, one of them may be two flush faces in one: the pair of alternatives that does
+/// share a side, the likelier first. `None` if there is none, or if two pairs that agree give different boxes.
+fn with_alternatives(
+    frames: [&Frame; 2],
+    calibration: &Calibration,
+    settings: &Settings,
+    times: &mut StageTimes,
+) -> Option<BoxReport> {
+    let mut clock = Clock { since: Instant::now(), times };
+    let [first, second] = frames
+        .map(|frame| face_stages(frame, calibration, settings, Which::WithAlternatives, &mut clock).ok());
+    let (first, second) = (first?, second?);
+    let mut found: Option<BoxReport> = None;
+    for (i, a) in first.iter().enumerate() {
+        for (j, b) in second.iter().enumerate() {
+            // One of the two is as likely as can be: two alternatives at once would agree too easily.
+            if i > 0 && j > 0 {
+                continue;
+            }
+            let outcome = cuboid::assemble(a, b, settings.choose);
+            if matches!(outcome, Outcome::Rejected(_)) {
+                continue;
+            }
+            if found.as_ref().is_some_and(|f| !cuboid::same_outcome(&f.outcome, &outcome)) {
+                return None;
+            }
+            let measured = |face: &FaceMeasurement| FaceOutcome::Measured(Box::new(face.clone()));
+            found.get_or_insert(BoxReport { outcome, faces: [measured(a), measured(b)] });
+        }
+    }
+    found
 }

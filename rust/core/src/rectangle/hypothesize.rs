@@ -27,6 +27,8 @@ const SETTLED_WORTH: f64 = 10.0;
 /// Candidates kept per side, and how many of them at the ends of the stripes.
 const KEEP: usize = 4;
 const KEEP_AT_ENDS: usize = 3;
+/// Further straight lines inside, kept as alternatives.
+const KEEP_INSIDE: usize = 4;
 /// Two candidates are one if they are closer than this, px.
 const APART_PX: f64 = 4.0;
 /// A side may be turned against the raster by this much from end to end, px.
@@ -41,12 +43,13 @@ struct End {
     uncertainty_px: f64,
 }
 
-/// Finds the rectangle, or says why there is none.
+/// Finds the rectangle, the likeliest first, or says why there is none.
 pub(crate) fn hypothesize(
     frame: &Frame,
     calibration: &Calibration,
     face: &FaceStripes,
-) -> Result<RoughRectangle, Reject> {
+    which: Which,
+) -> Result<Vec<RoughRectangle>, Reject> {
     let open = || Reject::RectangleOpen { sides_found: 0 };
     let [l1, _, l3, l4] = LaserId::ALL;
     let plane = &face.fit.plane;
@@ -73,11 +76,18 @@ pub(crate) fn hypothesize(
             Reject::RectangleOpen { sides_found: found as u8 }
         });
     }
-    let rough = choose(frame, calibration, &raster, &sides, mm_per_px);
-    match rough {
-        Some(rough) => Ok(rough),
-        None => Err(cut_or_open(&ends, frame)),
-    }
+    let roughs = choose(frame, calibration, &raster, &sides, mm_per_px, which);
+    if roughs.is_empty() { Err(cut_or_open(&ends, frame)) } else { Ok(roughs) }
+}
+
+/// Which rectangles are wanted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Which {
+    /// The likeliest alone.
+    Best,
+    /// Also those with one side at a straight line farther in: a flush neighbour of the same width makes one rectangle of
+    /// two faces, and only the other frame can tell.
+    WithAlternatives,
 }
 
 struct Scale {
@@ -233,46 +243,98 @@ fn side_candidates(
     let at_ends = sides.clone();
     for e in edges.iter().filter(|e| e.strength >= SUPPORT_ALONE) {
         let apart = at_ends.iter().all(|s| (e.offset_mm - s.offset_mm).abs() > END_TOLERANCE_PX * px);
-        if sides.len() < KEEP && apart {
+        if sides.len() < KEEP + KEEP_INSIDE && apart {
             sides.push(Side { offset_mm: e.offset_mm, at_end: false, nearness: 0.0 });
         }
     }
     Some(sides)
 }
 
-/// The best combination of sides by the image edges along their whole length.
+/// The best combination of sides by the image edges along their whole length, and the alternatives if they are wanted.
 fn choose(
     frame: &Frame,
     calibration: &Calibration,
     raster: &PlaneRaster,
     sides: &[Vec<Side>],
     mm_per_px: f64,
-) -> Option<RoughRectangle> {
-    let right = frame.width_px() as f64 - 0.5;
-    let bottom = frame.height_px() as f64 - 0.5;
-    let inside = |p: Px| p.u > -0.5 && p.v > -0.5 && p.u < right && p.v < bottom;
-    let mut best: Option<(f64, RoughRectangle)> = None;
-    let mut known = BTreeMap::new();
+    which: Which,
+) -> Vec<RoughRectangle> {
+    let mut judge = Judge { frame, calibration, raster, sides, mm_per_px, known: BTreeMap::new() };
     let mut combinations: Vec<[usize; 4]> = Vec::new();
-    for i in 0..sides[0].len() {
-        for j in 0..sides[1].len() {
-            for k in 0..sides[2].len() {
-                for l in 0..sides[3].len() {
-                    combinations.push([i, j, k, l]);
-                }
+    let counts = [0, 1, 2, 3].map(|s| sides[s].len().min(KEEP));
+    for i in 0..counts[0] {
+        for j in 0..counts[1] {
+            for k in 0..counts[2] {
+                combinations.extend((0..counts[3]).map(|l| [i, j, k, l]));
             }
         }
     }
     // The rectangle of the stripes' ends first; others only if the image contradicts it.
     combinations.sort_by_key(|c| c.iter().sum::<usize>());
+    let mut best: Option<(f64, [usize; 4], RoughRectangle)> = None;
     for combination in combinations {
-        let chosen = [0, 1, 2, 3].map(|s| sides[s][combination[s]]);
+        let Some(Verdict { score, clear, rough }) = judge.verdict(combination) else { continue };
+        if best.as_ref().is_none_or(|(b, _, _)| score > *b) {
+            let certain = combination == [0; 4] && rough.at_ends == [true; 4] && clear;
+            best = Some((score, combination, rough));
+            if certain {
+                break;
+            }
+        }
+    }
+    let Some((_, chosen, rough)) = best else { return Vec::new() };
+    let mut result = vec![rough];
+    if which == Which::WithAlternatives {
+        let mut others = Vec::new();
+        for side in 0..4 {
+            for (index, _) in sides[side].iter().enumerate().filter(|(_, s)| !s.at_end) {
+                let mut combination = chosen;
+                combination[side] = index;
+                if combination != chosen {
+                    others.extend(judge.verdict(combination));
+                }
+            }
+        }
+        others.sort_by(|a, b| b.score.total_cmp(&a.score));
+        result.extend(others.into_iter().map(|o| o.rough));
+    }
+    result
+}
+
+/// What the image says of one combination of sides.
+struct Verdict {
+    score: f64,
+    /// Every side is clearly seen.
+    clear: bool,
+    rough: RoughRectangle,
+}
+
+/// Judges combinations; what was looked at once is kept.
+struct Judge<'a> {
+    frame: &'a Frame,
+    calibration: &'a Calibration,
+    raster: &'a PlaneRaster,
+    sides: &'a [Vec<Side>],
+    mm_per_px: f64,
+    known: BTreeMap<(usize, usize, usize, usize), f32>,
+}
+
+impl Judge<'_> {
+    /// `None` if a corner is outside the image or a side is not seen.
+    fn verdict(&mut self, combination: [usize; 4]) -> Option<Verdict> {
+        let (frame, calibration, raster, mm_per_px) =
+            (self.frame, self.calibration, self.raster, self.mm_per_px);
+        let right = frame.width_px() as f64 - 0.5;
+        let bottom = frame.height_px() as f64 - 0.5;
+        let inside = |p: Px| p.u > -0.5 && p.v > -0.5 && p.u < right && p.v < bottom;
+        let chosen = [0, 1, 2, 3].map(|s| self.sides[s][combination[s]]);
         let offsets_mm = chosen.map(|s| s.offset_mm);
         let corners = [(0, 2), (1, 2), (1, 3), (0, 3)]
             .map(|(a, b)| raster.pixel(calibration, OnPlane::new(offsets_mm[a], offsets_mm[b])));
         if !corners.iter().all(|c| c.is_some_and(inside)) {
-            continue;
+            return None;
         }
+        let known = &mut self.known;
         let support = [0, 1, 2, 3].map(|s| {
             // A side's support depends on its own place and on the two sides that end it.
             let [first, last] = if s < 2 { [2, 3] } else { [0, 1] };
@@ -282,24 +344,23 @@ fn choose(
                 .or_insert_with(|| support_of(frame, calibration, raster, &offsets_mm, s, mm_per_px))
         });
         let needed = chosen.map(|s| if s.at_end { SUPPORT_AT_ENDS } else { SUPPORT_ALONE });
-        let enough = support.iter().zip(needed).all(|(s, n)| *s >= n);
+        if support.iter().zip(needed).any(|(s, n)| *s < n) {
+            return None;
+        }
         // Where the stripes end and an edge is seen, that edge is the face's: other lines count only elsewhere.
         let settled = support.iter().zip(&chosen).filter(|(s, c)| c.at_end && **s >= CLEAR_SUPPORT).count();
         let sum: f64 = support.iter().zip(&chosen).map(|(s, c)| f64::from(s + c.nearness)).sum();
-        let score = SETTLED_WORTH * settled as f64 + sum;
-        if enough && best.as_ref().is_none_or(|(b, _)| score > *b) {
-            let rough =
-                RoughRectangle { raster: *raster, offsets_mm, at_ends: chosen.map(|s| s.at_end), mm_per_px };
-            let certain = combination == [0; 4]
-                && rough.at_ends == [true; 4]
-                && support.iter().all(|s| *s >= CLEAR_SUPPORT);
-            best = Some((score, rough));
-            if certain {
-                break;
-            }
-        }
+        Some(Verdict {
+            score: SETTLED_WORTH * settled as f64 + sum,
+            clear: support.iter().all(|s| *s >= CLEAR_SUPPORT),
+            rough: RoughRectangle {
+                raster: *raster,
+                offsets_mm,
+                at_ends: chosen.map(|s| s.at_end),
+                mm_per_px,
+            },
+        })
     }
-    best.map(|(_, rough)| rough)
 }
 
 /// Share of a side on which an image edge is seen, 0 to 1.
