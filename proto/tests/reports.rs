@@ -48,7 +48,7 @@ fn every_reject() -> Vec<Reject> {
     let laser = LaserId::new(3).unwrap();
     vec![
         Reject::NoBox { best_share: 0.25, needed_share: 0.75 },
-        Reject::StripeNotFound { laser, signal_to_noise: 1.5, needed: 6.0 },
+        Reject::StripeNotFound { laser, seen_share: 0.1, needed_share: 0.4 },
         Reject::StripeMissing { laser, stripes_on_face: 3 },
         Reject::FaceCutByBorder { sides_cut: 2, at: Px::new(10.25, -0.5) },
         Reject::FaceNotPlanar { rms_px: 3.0, limit_px: 2.0 },

@@ -140,8 +140,8 @@ fn reject(message: v1::Reject) -> Result<Reject, Error> {
         }
         "stripe_not_found" => Reject::StripeNotFound {
             laser: laser()?,
-            signal_to_noise: number("signal_to_noise")?,
-            needed: number("needed")?,
+            seen_share: number("seen_share")?,
+            needed_share: number("needed_share")?,
         },
         "stripe_missing" => {
             Reject::StripeMissing { laser: laser()?, stripes_on_face: small("stripes_on_face")? }

@@ -36,6 +36,17 @@ impl Calibration {
             )));
         }
         camera.check()?;
+        // 0.1 and 10 image sides are fields of view of 157 and 6 degrees: no head is outside, and searches are bounded.
+        let side_px = f64::from(width_px.max(height_px));
+        for (name, value) in [("fx", camera.fx), ("fy", camera.fy)] {
+            if !(0.1 * side_px..=10.0 * side_px).contains(&value) {
+                return Err(invalid(format!(
+                    "camera.{name} is {value} px, {:.0} to {:.0} px are allowed for this image size",
+                    0.1 * side_px,
+                    10.0 * side_px
+                )));
+            }
+        }
         let mut lasers = [Plane::new(Vector3::zeros()); 4];
         for ((plane, id), [a, b, c, d]) in lasers.iter_mut().zip(LaserId::ALL).zip(laser_planes) {
             if ![a, b, c, d].iter().all(|x| x.is_finite()) {

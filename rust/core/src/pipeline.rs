@@ -14,6 +14,7 @@ use crate::rectangle;
 use crate::rectangle::hypothesize::{Which, hypothesize};
 use crate::reject::Reject;
 use crate::stripe::grid_search::{self, GridHypothesis};
+use crate::units::LaserId;
 use std::time::Instant;
 
 /// Planes that are tried, strongest first.
@@ -105,14 +106,17 @@ fn face_stages(
         }
     }
     match refusal {
-        Some((_, reject)) if !matches!(reject, Reject::NoBox { .. }) => Err(reject),
+        // Whether a stripe is dark or misses the face is told by the other three.
+        Some((_, reject)) if !matches!(reject, Reject::NoBox { .. } | Reject::StripeNotFound { .. }) => {
+            Err(reject)
+        }
         other => {
             let missing = grid_search::three_stripes(calibration, &maps[0], &maps[1]);
             clock.lap("grid");
             Err(match (missing, other) {
                 (Some(laser), _) => Reject::StripeMissing { laser, stripes_on_face: 3 },
                 (None, Some((_, reject))) => reject,
-                (None, None) => Reject::NoBox { best_share: 0.0, needed_share: MIN_SEEN_SHARE },
+                (None, None) => no_box(0.0),
             })
         }
     }
@@ -126,11 +130,10 @@ fn measure_on_plane(
     which: Which,
     clock: &mut Clock<'_>,
 ) -> Result<Vec<FaceMeasurement>, Reject> {
-    let no_box = |best_share: f64| Reject::NoBox { best_share, needed_share: MIN_SEEN_SHARE };
     let face = follow_stripes(frame, calibration, &hypothesis.plane);
     clock.lap("stripes");
     let face = face.ok_or_else(|| no_box(0.0))?;
-    check_stripes(&face).map_err(no_box)?;
+    check_stripes(&face)?;
     let roughs = hypothesize(frame, calibration, &face, which);
     clock.lap("sides");
     let detector: &dyn EdgeDetector = match settings.edges {
@@ -154,12 +157,26 @@ fn measure_on_plane(
     Ok(faces)
 }
 
-/// Every stripe must be seen on the plane, and the centres must scatter as they should; else the share that was seen.
-fn check_stripes(face: &FaceStripes) -> Result<(), f64> {
-    let seen = face.stripes.iter().map(|s| s.seen_share).fold(f64::INFINITY, f64::min);
-    let inner = face.stripes.iter().map(|s| s.inner_share).fold(f64::INFINITY, f64::min);
-    let enough = seen >= MIN_SEEN_SHARE && inner >= MIN_INNER_SHARE && face.fit.scale <= MAX_SCALE;
-    if enough { Ok(()) } else { Err(seen.min(inner)) }
+/// Every stripe must be seen on the plane, and the centres must scatter as they should.
+fn check_stripes(face: &FaceStripes) -> Result<(), Reject> {
+    let seen =
+        face.stripes.each_ref().map(|s| s.seen_share.min(s.inner_share / MIN_INNER_SHARE * MIN_SEEN_SHARE));
+    let least = seen.iter().copied().fold(f64::INFINITY, f64::min);
+    let planar = face.fit.scale <= MAX_SCALE;
+    let mut unseen = LaserId::ALL.into_iter().filter(|id| seen[id.index()] < MIN_SEEN_SHARE);
+    match (unseen.next(), unseen.next()) {
+        (None, _) if planar => Ok(()),
+        (Some(laser), None) if planar => Err(Reject::StripeNotFound {
+            laser,
+            seen_share: seen[laser.index()],
+            needed_share: MIN_SEEN_SHARE,
+        }),
+        _ => Err(no_box(least)),
+    }
+}
+
+fn no_box(best_share: f64) -> Reject {
+    Reject::NoBox { best_share, needed_share: MIN_SEEN_SHARE }
 }
 
 /// Measures a box from two frames of adjacent faces.

@@ -18,10 +18,10 @@ pub enum Reject {
     StripeNotFound {
         /// The stripe that is missing.
         laser: LaserId,
-        /// Mean signal along it, in units of its noise.
-        signal_to_noise: f64,
-        /// What is needed.
-        needed: f64,
+        /// Share of it that is seen on the face, 0 to 1.
+        seen_share: f64,
+        /// The share that is needed.
+        needed_share: f64,
     },
     /// A stripe does not cross two opposite edges of the face: the face is too small or the head is aimed beside it.
     StripeMissing {
@@ -90,10 +90,10 @@ impl Reject {
             Self::NoBox { best_share, needed_share } => {
                 vec![("best_share", best_share), ("needed_share", needed_share)]
             }
-            Self::StripeNotFound { laser, signal_to_noise, needed } => vec![
+            Self::StripeNotFound { laser, seen_share, needed_share } => vec![
                 ("laser", f64::from(laser.number())),
-                ("signal_to_noise", signal_to_noise),
-                ("needed", needed),
+                ("seen_share", seen_share),
+                ("needed_share", needed_share),
             ],
             Self::StripeMissing { laser, stripes_on_face } => {
                 vec![("laser", f64::from(laser.number())), ("stripes_on_face", f64::from(stripes_on_face))]
@@ -125,9 +125,11 @@ impl fmt::Display for Reject {
                 best_share * 100.0,
                 needed_share * 100.0
             ),
-            Self::StripeNotFound { laser, signal_to_noise, needed } => write!(
+            Self::StripeNotFound { laser, seen_share, needed_share } => write!(
                 f,
-                "stripe {laser} is not visible: signal to noise {signal_to_noise:.1}, {needed:.1} is needed"
+                "stripe {laser} is not visible: {:.0} % of it is seen on the face, {:.0} % are needed",
+                seen_share * 100.0,
+                needed_share * 100.0
             ),
             Self::StripeMissing { laser, stripes_on_face } => write!(
                 f,

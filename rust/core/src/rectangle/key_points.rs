@@ -80,19 +80,21 @@ pub(crate) fn measure(
         edge_lines.push(line_through(&rays)?);
     }
     // D_i: crossing in the ideal image, depth from its laser plane (eqs. 5-8).
-    let key_point = |side: usize, id: LaserId| -> Option<Vector3<f64>> {
+    let key_point = |side: usize, id: LaserId, shift_px: (f64, f64)| -> Option<Vector3<f64>> {
         let x = stripe_lines[id.index()].cross(&edge_lines[side]);
         if x.z.abs() < 1e-12 {
             return None;
         }
-        calibration.laser(id).intersect(&Ray::new(x.x / x.z, x.y / x.z)).map(|p| p.mm)
+        let px = calibration.camera().px_from_ray(&Ray::new(x.x / x.z, x.y / x.z))?;
+        let ray = calibration.camera().ray_from_px(Px::new(px.u + shift_px.0, px.v + shift_px.1));
+        calibration.laser(id).intersect(&ray).map(|p| p.mm)
     };
-    let sides_of = |shift: &dyn Fn(usize, usize) -> Vector3<f64>| -> Option<[f64; 2]> {
+    let sides_of = |shift_px: &dyn Fn(usize, usize) -> (f64, f64)| -> Option<[f64; 2]> {
         let mut lines = Vec::with_capacity(4);
         for (side, (across, _)) in SIDES.iter().enumerate() {
             let [i, j] = across.stripes();
-            let p = key_point(side, i)? + shift(side, 0);
-            let q = key_point(side, j)? + shift(side, 1);
+            let p = key_point(side, i, shift_px(side, 0))?;
+            let q = key_point(side, j, shift_px(side, 1))?;
             lines.push((p, (q - p).try_normalize(1e-9)?));
         }
         let corner = |a: usize, b: usize| nearest_to_both(&lines[a], &lines[b]);
@@ -101,22 +103,16 @@ pub(crate) fn measure(
         let distance = |i: usize, j: usize| corners[i].distance_mm(&corners[j]);
         Some([0.5 * (distance(0, 1) + distance(3, 2)), 0.5 * (distance(1, 2) + distance(0, 3))])
     };
-    let none = |_: usize, _: usize| Vector3::zeros();
-    let sides_mm = sides_of(&none)?;
-    // Every key point moved along the viewing ray's perpendicular by its sigma, one at a time.
+    let sides_mm = sides_of(&|_, _| (0.0, 0.0))?;
+    // Every key point moved by its sigma along u and along v, one at a time.
     let mut variances_mm2 = [0.0; 2];
-    for (side, (across, _)) in SIDES.iter().enumerate() {
+    for side in 0..4 {
         for end in 0..2 {
-            let id = across.stripes()[end];
-            let at = key_point(side, id)?;
-            let along_stripe = fit.raster.cam_point(across.at(1.0, 0.0)).mm
-                - fit.raster.cam_point(nalgebra::Vector2::zeros()).mm;
-            let sigma_mm = KEY_POINT_SIGMA_PX * at.z / calibration.camera().fx;
-            let moved = sides_of(&|s, e| {
-                if s == side && e == end { along_stripe * sigma_mm } else { Vector3::zeros() }
-            })?;
-            for (v, (m, s)) in variances_mm2.iter_mut().zip(moved.iter().zip(sides_mm)) {
-                *v += (m - s).powi(2);
+            for step_px in [(KEY_POINT_SIGMA_PX, 0.0), (0.0, KEY_POINT_SIGMA_PX)] {
+                let moved = sides_of(&|s, e| if (s, e) == (side, end) { step_px } else { (0.0, 0.0) })?;
+                for (v, (m, s)) in variances_mm2.iter_mut().zip(moved.iter().zip(sides_mm)) {
+                    *v += (m - s).powi(2);
+                }
             }
         }
     }
