@@ -115,8 +115,8 @@ def line_error_px(prediction: np.ndarray, truth: np.ndarray) -> float | None:
 
 
 def contrast_bin(contrast: float | None) -> str | None:
-    """None where there is no such laser in the frame, or the renderer does not say."""
-    if contrast is None:
+    """None where this laser is not on the face (0), or the renderer does not say."""
+    if not contrast:
         return None
     return next(name for name, low, high in CONTRAST_BINS if low <= contrast < high)
 
@@ -178,8 +178,8 @@ class Scores:
         for error, level in zip(errors, contrast):
             if error is not None:
                 self.line_errors["all"].append(error)
-                if level is not None:
-                    self.line_errors[contrast_bin(level)].append(error)
+                if name := contrast_bin(level):
+                    self.line_errors[name].append(error)
         if None not in errors and meta.get("measurable", True):
             self.worst_of_four.append(max(errors))
             if None not in contrast and min(contrast) >= CONTRAST_BINS[1][1]:

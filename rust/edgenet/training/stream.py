@@ -26,7 +26,8 @@ FORMAT = "boxline-stream/1"
 CHANNELS = ("L1", "L2", "L3", "L4", "spill", "face_edge", "other_edge", "face_mask", "corner")
 WORKSPACE = Path(__file__).resolve().parents[3]
 FAKE_COMMAND = f"{shlex.quote(sys.executable)} {shlex.quote(str(Path(__file__).with_name('fake.py')))} --seed {{seed}}"
-DEFAULT_COMMAND = "target/release/boxline render --stream --seed {seed}"
+# cargo build --release -p boxline-sim --example stream
+DEFAULT_COMMAND = "target/release/examples/stream --seed {seed}"
 MAX_HEADER_BYTES = 4096
 MAX_META_BYTES = 1 << 20
 
@@ -181,12 +182,13 @@ class FrameRing:
 
     A batch takes 1/`visits` of its frames from those never seen, as long as there are any, and the others at random
     from the ring. The renderer waits (its pipe fills) when `ahead` frames are unseen, and is started again where it
-    stopped if it ends.
+    stopped if it ends. The first batch waits for `minimum` frames.
     """
 
-    def __init__(self, command: str, seed: int, capacity: int = 4000, visits: float = 2.0, ahead: int = 128, rng_seed: int = 0):
+    def __init__(self, command: str, seed: int, capacity: int = 4000, visits: float = 2.0, ahead: int = 128, rng_seed: int = 0, minimum: int = 1):
         self.command, self.next_seed, self.capacity, self.visits = command, seed, capacity, max(1.0, visits)
-        self.ahead = min(ahead, capacity)
+        self.minimum = min(minimum, capacity)
+        self.ahead = min(max(ahead, self.minimum), capacity)
         self.random = random.Random(rng_seed)
         self.filled = self.received = 0
         self.metas: list[dict] = []
@@ -248,7 +250,7 @@ class FrameRing:
 
     def batch(self, size: int) -> Batch:
         with self.changed:
-            while self.filled < min(size, self.capacity) and not self.error:
+            while self.filled < self.minimum and not self.error:
                 self.changed.wait(1.0)
             if self.error:
                 raise self.error

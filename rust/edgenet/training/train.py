@@ -55,6 +55,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     p.add_argument("--render-validation", default=None, help="the same for validation frames; default: as --render")
     p.add_argument("--fake", action="store_true", help="crude scenes instead of a renderer")
     p.add_argument("--ring", type=int, default=4000, help="frames kept in memory; each takes about 1 MB")
+    p.add_argument("--fill", type=int, default=256, help="frames to wait for before the first step")
     p.add_argument("--visits", type=float, default=2.0, help="visits to each frame, when the renderer keeps up")
     p.add_argument("--validation-frames", type=int, default=200)
     p.add_argument("--validate-minutes", type=float, default=10)
@@ -244,7 +245,8 @@ class Trainer:
         held_out = list(frames(options.render_validation, VALIDATION_SEED, options.validation_frames))
         budget_s = options.minutes * 60
         print(f"train: {options.net}, {models.parameters(self.model) / 1e6:.3f} M parameters, {len(held_out)} validation frames", flush=True)
-        with FrameRing(options.render, self.next_seed, options.ring, options.visits, rng_seed=options.seed + self.step) as ring:
+        with FrameRing(options.render, self.next_seed, options.ring, options.visits, rng_seed=options.seed + self.step, minimum=options.fill) as ring:
+            ring.batch(1)  # waits until there are enough frames
             saved = validated = reported = time.monotonic()
             losses: list[float] = []
             while self.elapsed_s < budget_s and not self.stop:
