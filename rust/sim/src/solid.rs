@@ -60,6 +60,8 @@ pub struct Solid {
     pub bound: f32,
     /// Smallest depth of any of its points, mm; 0 if it reaches behind the camera.
     pub nearest: f32,
+    /// Planes that the camera sees, by axis: signed half size, or not a number where the camera is between both.
+    seen: V3,
 }
 
 /// Where a camera ray meets a solid.
@@ -95,9 +97,17 @@ impl Solid {
             })
             .fold(f64::INFINITY, f64::min);
         let most = bulge.iter().fold(0f32, |a, b| a.max(b.abs()));
+        let camera = rows * -centre;
+        let seen =
+            Vector3::from_fn(
+                |i, _| {
+                    if camera[i].abs() > half[i] { half[i].copysign(camera[i]) } else { f64::NAN }
+                },
+            );
         Self {
             to_local: Rows::new(&rows),
-            camera_local: (rows * -centre).into(),
+            camera_local: camera.into(),
+            seen: seen.into(),
             half: half.into(),
             radius: (radius.min(half.min() * 0.5)) as f32,
             bulge,
@@ -134,18 +144,41 @@ impl Solid {
     pub fn hit(&self, ray: V3, limit: f32) -> Option<Hit> {
         let d = self.to_local.apply(ray);
         let o = self.camera_local;
-        let (near, far, axis) = slab(o, d, self.half)?;
-        if near <= 0.0 || near >= limit || near > far {
+        // The ray enters through the last of the planes that the camera sees; a NaN loses every comparison.
+        let (mut near, mut axis) = (0.0, 3);
+        let t = (self.seen.x - o.x) / d.x;
+        if t > near {
+            (near, axis) = (t, 0);
+        }
+        let t = (self.seen.y - o.y) / d.y;
+        if t > near {
+            (near, axis) = (t, 1);
+        }
+        let t = (self.seen.z - o.z) / d.z;
+        if t > near {
+            (near, axis) = (t, 2);
+        }
+        if near >= limit || axis == 3 {
+            return None;
+        }
+        let local = o + d * near;
+        let over = local.abs() - self.half;
+        let inside = match axis {
+            0 => over.y <= 0.0 && over.z <= 0.0,
+            1 => over.x <= 0.0 && over.z <= 0.0,
+            _ => over.x <= 0.0 && over.y <= 0.0,
+        };
+        if !inside {
             return None;
         }
         let face = axis * 2 + usize::from(d[axis] > 0.0);
-        let local = o + d * near;
         if self.radius > 0.0 {
             let inner = self.half - v3(self.radius, self.radius, self.radius);
             let a = local.abs();
             let outside =
                 usize::from(a.x > inner.x) + usize::from(a.y > inner.y) + usize::from(a.z > inner.z);
             if outside > 1 {
+                let (_, far, _) = slab(o, d, self.half)?;
                 return self.rounded_hit(o, d, near, far.min(limit));
             }
         }
@@ -153,6 +186,28 @@ impl Solid {
             return Some(self.bulged_hit(o, d, near, face));
         }
         Some(Hit { depth: near, face, local, bent: None, rounded: false })
+    }
+
+    /// A lower bound of the depth at which rays between four corner rays can meet the solid; `None` if they cannot.
+    #[must_use]
+    pub fn least_depth(&self, corners: &[V3; 4]) -> Option<f32> {
+        let mut least = self.nearest;
+        let directions = corners.map(|c| self.to_local.apply(c));
+        for axis in 0..3 {
+            let plane = self.seen[axis];
+            if plane.is_nan() {
+                continue;
+            }
+            // 1 / depth on a plane is linear in the ray, so that its extremes are at the corners.
+            let way = plane - self.camera_local[axis];
+            let closest = directions.iter().map(|d| d[axis] / way).fold(f32::MIN, f32::max);
+            if closest <= 0.0 {
+                return None; // the whole tile looks away from this plane, and so past the solid
+            }
+            // A margin for distortion between the corners and for bulges.
+            least = least.max(0.98 / closest - 20.0);
+        }
+        Some(least)
     }
 
     /// Walks the ray through the rounding: the distance to the rounded cuboid never oversteps it.
@@ -216,7 +271,9 @@ impl Solid {
     pub fn blocks(&self, from: V3, to_light: V3) -> bool {
         let o = self.local(from);
         let d = self.to_local.apply(to_light);
-        matches!(slab(o, d, self.half), Some((near, far, _)) if near < far && far > 1e-4 && near < 0.9999)
+        // A rounded edge seen at 45 degrees recedes by this much from the sharp one.
+        let recess = 0.29 * self.radius;
+        matches!(slab(o, d, self.half - v3(recess, recess, recess)), Some((near, far, _)) if near < far && far > 1e-4 && near < 0.9999)
     }
 
     /// How much of a lamp is seen past the solid: 1 all, 0 nothing. `width` is the lamp's half opening as a tangent.
@@ -226,7 +283,9 @@ impl Solid {
         let o = self.local(from);
         let d = self.to_local.apply(to_lamp);
         let inverse = v3(1.0 / guard(d.x), 1.0 / guard(d.y), 1.0 / guard(d.z));
-        let k = inverse.abs().times(self.half);
+        // Without the rounding, or what lies beneath an edge would be black where it is seen.
+        let inner = self.half - v3(self.radius, self.radius, self.radius);
+        let k = inverse.abs().times(inner);
         let n = inverse.times(o);
         let near = (-n.x - k.x).max(-n.y - k.y).max(-n.z - k.z);
         let far = (k.x - n.x).min(k.y - n.y).min(k.z - n.z);
@@ -241,15 +300,10 @@ impl Solid {
         x * x * (3.0 - 2.0 * x)
     }
 
-    /// Distance of a point (camera frame) to the solid, mm; negative inside.
+    /// Distance of a point of the solid's own frame to it, mm; negative inside.
     #[inline]
     #[must_use]
-    pub fn gap(&self, p: V3) -> f32 {
-        self.gap_local(self.local(p))
-    }
-
-    #[inline]
-    fn gap_local(&self, p: V3) -> f32 {
+    pub fn gap_local(&self, p: V3) -> f32 {
         let q = p.abs() - self.half;
         q.max(0.0).norm() + q.largest().min(0.0)
     }

@@ -55,18 +55,31 @@ impl Bitmap {
         // A pen finer than a texel covers it only in part.
         let most = (2.0 * pen).min(1.0);
         for y in range(s[1], s[3], self.height) {
-            for x in range(s[0], s[2], self.width) {
+            // Only the part of the segment that comes near this row counts.
+            let (low, high) = (y as f32 + 0.5 - reach, y as f32 + 0.5 + reach);
+            let cut =
+                |edge: f32| if dy.abs() < 1e-3 { None } else { Some(((edge - s[1]) / dy).clamp(0.0, 1.0)) };
+            let (t0, t1) = cut(low).zip(cut(high)).unwrap_or((0.0, 1.0));
+            for x in range(s[0] + t0 * dx, s[0] + t1 * dx, self.width) {
                 let (px, py) = (x as f32 + 0.5 - s[0], y as f32 + 0.5 - s[1]);
                 let t = ((px * dx + py * dy) * scale).clamp(0.0, 1.0);
-                let distance = (px - t * dx).hypot(py - t * dy);
-                let cover = (pen - distance + 0.5).clamp(0.0, most);
-                self.blend(x, y, rgb, cover);
+                let (ex, ey) = (px - t * dx, py - t * dy);
+                let square = ex * ex + ey * ey;
+                if square < reach * reach {
+                    let cover = (pen - square.sqrt() + 0.5).clamp(0.0, most);
+                    self.blend(x, y, rgb, cover);
+                }
             }
         }
     }
 
     /// Fills an upright rectangle given in texels, its borders smooth.
     pub fn rect(&mut self, x0: f32, y0: f32, x1: f32, y1: f32, rgb: [u8; 3]) {
+        self.tint(x0, y0, x1, y1, rgb, 1.0);
+    }
+
+    /// Like [`Bitmap::rect`], covering only a share of what is under it.
+    fn tint(&mut self, x0: f32, y0: f32, x1: f32, y1: f32, rgb: [u8; 3], strength: f32) {
         let span = |a: f32, b: f32, n: usize| {
             (a.floor().clamp(0.0, n as f32) as usize)..(b.ceil().clamp(0.0, n as f32) as usize)
         };
@@ -74,13 +87,25 @@ impl Bitmap {
         for y in span(y0, y1, self.height) {
             for x in span(x0, x1, self.width) {
                 let share = cover(x, x0, x1).clamp(0.0, 1.0) * cover(y, y0, y1).clamp(0.0, 1.0);
-                self.blend(x, y, rgb, share);
+                self.blend(x, y, rgb, share * strength);
             }
         }
     }
 
     /// Writes a text into a rectangle (texels), as high as it; `bold` is the pen's radius in grid units.
     pub fn text(&mut self, text: &str, x: f32, y: f32, width: f32, height: f32, bold: f32, rgb: [u8; 3]) {
+        if height < 5.0 {
+            // Too small to be read: a grey dash for each word looks the same.
+            let letter = width / text.chars().count().max(1) as f32;
+            let (mut from, mut n) = (x, 0);
+            for part in text.split(' ') {
+                n += part.chars().count() + 1;
+                let to = x + n as f32 * letter;
+                self.tint(from, y, to - letter, y + height, rgb, (0.25 + 0.35 * bold).min(0.6));
+                from = to;
+            }
+            return;
+        }
         let (sx, sy) = (width / (font::width(text) + 2.0 * bold), height / (6.0 + 2.0 * bold));
         for [x0, y0, x1, y1] in font::segments(text) {
             let at = |px: f32, py: f32| [x + (px + bold) * sx, y + (py + bold) * sy];

@@ -69,6 +69,22 @@ impl Tile {
         Self { levels }
     }
 
+    /// Nearest sample: for grain as fine as the pixels, which needs no smoothness.
+    #[inline]
+    #[must_use]
+    pub fn grain(&self, x: f32, y: f32, footprint: f32) -> f32 {
+        if footprint < 1.0 {
+            return self.at(x, y, footprint);
+        }
+        let level = level_of(footprint);
+        let Some(texels) = self.levels.get(level) else { return 0.0 };
+        let side = SIDE >> level;
+        let mask = side as i32 - 1;
+        let shrink = 1.0 / (1 << level) as f32;
+        let (i, j) = (floor(x * shrink) & mask, floor(y * shrink) & mask);
+        f32::from(texels[j as usize * side + i as usize]) * (1.0 / 40.0)
+    }
+
     /// Bilinear sample at a position in texels; `footprint` is the size of the pixel in texels.
     #[inline]
     #[must_use]
@@ -79,9 +95,8 @@ impl Tile {
         let mask = side as i32 - 1;
         let shrink = 1.0 / (1 << level) as f32;
         let (x, y) = (x * shrink, y * shrink);
-        let (fx, fy) = (x.floor(), y.floor());
-        let (tx, ty) = (x - fx, y - fy);
-        let (x0, y0) = (fx as i32, fy as i32);
+        let (x0, y0) = (floor(x), floor(y));
+        let (tx, ty) = (x - x0 as f32, y - y0 as f32);
         let (left, right) = ((x0 & mask) as usize, (x0.wrapping_add(1) & mask) as usize);
         let (upper, lower) = ((y0 & mask) as usize * side, (y0.wrapping_add(1) & mask) as usize * side);
         let texel = |i: usize| f32::from(texels[i]);
@@ -89,6 +104,14 @@ impl Tile {
         let bottom = texel(lower + left) * (1.0 - tx) + texel(lower + right) * tx;
         (top * (1.0 - ty) + bottom * ty) * (1.0 / 40.0)
     }
+}
+
+/// Rounds down; `f32::floor` is a call into the mathematics library on the oldest processors that we build for.
+#[inline]
+#[must_use]
+pub fn floor(x: f32) -> i32 {
+    let i = x as i32;
+    i - i32::from(x < i as f32)
 }
 
 /// log2 of the footprint, rounded, from the float's exponent.

@@ -5,6 +5,7 @@ use super::ink::{Bitmap, label};
 use super::{font, linear};
 use crate::photos::Photos;
 use crate::vec3::{V3, v3};
+use std::sync::OnceLock;
 
 /// What a decal shows.
 #[derive(Clone, Debug)]
@@ -44,46 +45,49 @@ pub struct Decal {
     pub gloss: Option<f32>,
 }
 
-/// A decal drawn for a camera distance.
-#[derive(Clone, Debug)]
+/// A decal ready for a camera distance; its bitmap is drawn when the first pixel asks for it, since most are hidden.
+#[derive(Debug)]
 pub struct Stamp {
-    centre: [f32; 2],
+    decal: Decal,
     cos: f32,
     sin: f32,
-    half: [f32; 2],
-    content: Content,
-    gloss: Option<f32>,
-}
-
-#[derive(Clone, Debug)]
-enum Content {
-    Fill(V3),
-    Tape(V3, f32),
-    Outline(V3, f32),
-    Map(Bitmap),
-    Photo(usize),
+    texels: [usize; 2],
+    tint: V3,
+    map: OnceLock<Bitmap>,
 }
 
 impl Decal {
-    /// Draws the decal for pixels of `foot` mm.
+    /// Readies the decal for pixels of `foot` mm.
     #[must_use]
     pub fn stamp(&self, foot: f32) -> Stamp {
-        let side = |half: f32| ((2.0 * half / foot * 1.3) as usize).clamp(2, 1400);
-        let (w, h) = (side(self.half[0]), side(self.half[1]));
+        let side = |half: f32| ((2.0 * half / foot * 1.2) as usize).clamp(2, 1400);
+        let tint = match &self.art {
+            Art::Fill(rgb) | Art::Tape(rgb, _) | Art::Outline(rgb, _) => linear(*rgb),
+            _ => V3::default(),
+        };
+        Stamp {
+            decal: self.clone(),
+            cos: self.turn_rad.cos(),
+            sin: self.turn_rad.sin(),
+            texels: [side(self.half[0]), side(self.half[1])],
+            tint,
+            map: OnceLock::new(),
+        }
+    }
+
+    /// Draws what has a bitmap.
+    fn draw(&self, w: usize, h: usize) -> Bitmap {
         let (wf, hf) = (w as f32, h as f32);
-        let content = match &self.art {
-            Art::Fill(rgb) => Content::Fill(linear(*rgb)),
-            Art::Tape(rgb, cover) => Content::Tape(linear(*rgb), *cover),
-            Art::Outline(rgb, line) => Content::Outline(linear(*rgb), *line),
-            Art::Photo(index) => Content::Photo(*index),
-            Art::Label(seed) => Content::Map(label(*seed, w, h)),
+        let clear = |rgb: &[u8; 3]| Bitmap::new(w, h, [rgb[0], rgb[1], rgb[2], 0]);
+        match &self.art {
+            Art::Label(seed) => label(*seed, w, h),
             Art::Text(text, rgb, bold) => {
-                let mut map = Bitmap::new(w, h, [rgb[0], rgb[1], rgb[2], 0]);
+                let mut map = clear(rgb);
                 map.text(text, 0.0, 0.0, wf, hf, *bold, *rgb);
-                Content::Map(map)
+                map
             }
             Art::Arrows(rgb) => {
-                let mut map = Bitmap::new(w, h, [rgb[0], rgb[1], rgb[2], 0]);
+                let mut map = clear(rgb);
                 let pen = 0.055 * wf;
                 for x in [0.27, 0.73] {
                     map.pen([x * wf, 0.16 * hf, x * wf, 0.78 * hf], pen, *rgb);
@@ -91,10 +95,10 @@ impl Decal {
                     map.pen([x * wf, 0.1 * hf, (x + 0.17) * wf, 0.36 * hf], pen, *rgb);
                 }
                 map.pen([0.08 * wf, 0.93 * hf, 0.92 * wf, 0.93 * hf], 0.8 * pen, *rgb);
-                Content::Map(map)
+                map
             }
             Art::Glass(rgb) => {
-                let mut map = Bitmap::new(w, h, [rgb[0], rgb[1], rgb[2], 0]);
+                let mut map = clear(rgb);
                 for i in 0..=20 {
                     let t = i as f32 / 20.0; // a bowl that narrows downwards
                     let reach = 0.32 * (1.0 - t * t);
@@ -103,16 +107,10 @@ impl Decal {
                 }
                 map.pen([0.5 * wf, 0.45 * hf, 0.5 * wf, 0.88 * hf], 0.05 * wf, *rgb);
                 map.pen([0.25 * wf, 0.92 * hf, 0.75 * wf, 0.92 * hf], 0.04 * hf, *rgb);
-                Content::Map(map)
+                map
             }
-        };
-        Stamp {
-            centre: self.centre,
-            cos: self.turn_rad.cos(),
-            sin: self.turn_rad.sin(),
-            half: self.half,
-            content,
-            gloss: self.gloss,
+            Art::Fill(rgb) | Art::Tape(rgb, _) | Art::Outline(rgb, _) => clear(rgb),
+            Art::Photo(_) => clear(&[0; 3]),
         }
     }
 
@@ -127,38 +125,42 @@ impl Stamp {
     /// Lays the stamp over a colour and a gloss at (u, v) mm, seen with pixels of `foot` mm.
     #[inline]
     pub fn lay(&self, u: f32, v: f32, foot: f32, colour: &mut V3, gloss: &mut f32, photos: &Photos) {
-        let (du, dv) = (u - self.centre[0], v - self.centre[1]);
+        let decal = &self.decal;
+        let [half_x, half_y] = decal.half;
+        let (du, dv) = (u - decal.centre[0], v - decal.centre[1]);
         let (x, y) = (du * self.cos + dv * self.sin, dv * self.cos - du * self.sin);
-        let inside = (self.half[0] - x.abs()).min(self.half[1] - y.abs());
+        let inside = (half_x - x.abs()).min(half_y - y.abs());
         if inside < -0.5 * foot {
             return;
         }
         let rim = (0.5 + inside / foot).clamp(0.0, 1.0);
-        let (sx, sy) = (0.5 + 0.5 * x / self.half[0], 0.5 + 0.5 * y / self.half[1]);
-        let (ink, cover) = match &self.content {
-            Content::Fill(rgb) => (*rgb, rim),
-            Content::Tape(rgb, cover) => {
+        let (sx, sy) = (0.5 + 0.5 * x / half_x, 0.5 + 0.5 * y / half_y);
+        let (ink, cover) = match &decal.art {
+            // What is finer than a pixel covers it only in part.
+            Art::Fill(_) => (self.tint, rim * (2.0 * half_x.min(half_y) / foot).min(1.0)),
+            Art::Tape(_, cover) => {
                 let t = super::noise::tiles();
-                let (a, b) = if self.half[0] > self.half[1] { (x, y) } else { (y, x) };
-                let streak = t.streak.at(a * 0.35 + self.centre[0], b * 3.0, foot * 3.0);
-                (*rgb * (1.0 + 0.05 * streak), rim * cover)
+                let (a, b) = if half_x > half_y { (x, y) } else { (y, x) };
+                let streak = t.streak.at(a * 0.35 + decal.centre[0], b * 3.0, foot * 3.0);
+                (self.tint * (1.0 + 0.05 * streak), rim * cover * (2.0 * half_x.min(half_y) / foot).min(1.0))
             }
-            Content::Outline(rgb, line) => {
+            Art::Outline(_, line) => {
                 let middle = (inside - 0.5 * line).abs();
-                (*rgb, ((0.5 * line - middle) / foot + 0.5).clamp(0.0, (line / foot).min(1.0)))
+                (self.tint, ((0.5 * line - middle) / foot + 0.5).clamp(0.0, (line / foot).min(1.0)))
             }
-            Content::Map(map) => {
-                let [r, g, b, a] = map.at(sx, sy);
-                (v3(r * r, g * g, b * b), a * rim)
-            }
-            Content::Photo(index) => match photos.all.get(*index) {
+            Art::Photo(index) => match photos.all.get(*index) {
                 Some(photo) => (photo.at(sx, sy), rim),
                 None => (*colour, 0.0),
             },
+            _ => {
+                let map = self.map.get_or_init(|| decal.draw(self.texels[0], self.texels[1]));
+                let [r, g, b, a] = map.at(sx, sy);
+                (v3(r * r, g * g, b * b), a * rim)
+            }
         };
         // Ink does not hide the paper's tone altogether.
         *colour = *colour * (1.0 - cover) + ink * cover;
-        if let Some(own) = self.gloss {
+        if let Some(own) = decal.gloss {
             *gloss += (own - *gloss) * cover;
         }
     }

@@ -69,8 +69,9 @@ impl Surface {
         match self.pattern {
             Pattern::Board { flute_mm } => {
                 let blotch = t.cloud.at(x * 0.8, y * 0.8, foot * 0.8);
-                let fibre = t.fibre.at(x * 2.6, y * 2.6, foot * 2.6);
-                let cloud = t.streak.at(x * 0.6, y * 1.7, foot * 1.7);
+                let fibre = t.fibre.grain(x * 2.6, y * 2.6, foot * 2.6);
+                // From afar the fine streaks of the paper machine are not seen.
+                let cloud = if foot < 0.9 { t.streak.at(x * 0.6, y * 1.7, foot * 1.7) } else { 0.0 };
                 let mut tone = 1.0 + s * (0.035 * blotch + 0.055 * fibre + 0.018 * cloud);
                 if flute_mm > 0.0 && foot < flute_mm {
                     let wave = (y * (std::f32::consts::TAU / flute_mm)).sin();
@@ -94,7 +95,7 @@ impl Surface {
             Pattern::Stone => {
                 let large = t.cloud.at(x * 0.11, y * 0.11, foot * 0.11);
                 let small = t.cloud.at(x * 0.9 + 91.0, y * 0.9, foot * 0.9);
-                let grain = t.fibre.at(x * 0.7, y * 0.7, foot * 0.7);
+                let grain = t.fibre.grain(x * 0.7, y * 0.7, foot * 0.7);
                 let tone = 1.0 + s * (0.10 * large + 0.06 * small + 0.07 * grain);
                 let stain = (t.cloud.at(x * 0.045 + 300.0, y * 0.045, foot * 0.045) - 0.7).clamp(0.0, 1.0);
                 (self.base + (self.second - self.base) * (0.45 * stain)) * tone
@@ -107,7 +108,7 @@ impl Surface {
                 let (px, py) = ((along - column) * w, y - row * h);
                 let to_joint = px.min(w - px).min(py).min(h - py);
                 let joint = cover(5.0, to_joint, foot);
-                let grain = t.fibre.at(x * 0.6, y * 0.6, foot * 0.6);
+                let grain = t.fibre.grain(x * 0.6, y * 0.6, foot * 0.6);
                 let tone = 0.75 + 0.5 * hash01(column as i32, row as i32, 21) + 0.08 * s * grain;
                 self.base * tone * (1.0 - joint) + self.second * ((1.0 + 0.08 * grain) * joint)
             }
@@ -116,7 +117,7 @@ impl Surface {
                 let (px, py) = (x - i * side_mm, y - j * side_mm);
                 let to_joint = px.min(side_mm - px).min(py).min(side_mm - py);
                 let joint = cover(2.5, to_joint, foot);
-                let speck = t.fibre.at(x * 0.5, y * 0.5, foot * 0.5);
+                let speck = t.fibre.grain(x * 0.5, y * 0.5, foot * 0.5);
                 let cloud = t.cloud.at(x * 0.15, y * 0.15, foot * 0.15);
                 let tone = 0.95 + 0.1 * hash01(i as i32, j as i32, 2) + s * (0.04 * speck + 0.05 * cloud);
                 (self.base * (1.0 - joint) + self.second * joint) * tone

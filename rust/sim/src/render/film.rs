@@ -26,7 +26,7 @@ pub struct Film {
 pub fn expose_film(stage: &Stage<'_>) -> Film {
     let (width, height) = (stage.raster.width, stage.raster.height);
     let coarse = stage.raster.scale() > 1.5;
-    let grid = Grid::new(stage, if coarse { 4 } else { 8 });
+    let grid = Grid::new(stage, if coarse { 6 } else { 8 });
     let n = width * height;
     let mut film = Film {
         width,
@@ -51,14 +51,29 @@ pub fn expose_film(stage: &Stage<'_>) -> Film {
             film.depth.push(depth);
         }
     }
-    smooth_edges(stage, &grid, &mut film, if coarse { 3 } else { 4 });
+    smooth_edges(stage, &grid, &mut film, if coarse { &TURNED } else { &SQUARE });
     film
 }
 
-/// Casts `side` x `side` rays in the pixels where the face changes.
-fn smooth_edges(stage: &Stage<'_>, grid: &Grid, film: &mut Film, side: usize) {
+/// A turned square: four samples that see four columns and four rows.
+const TURNED: [[f64; 2]; 4] = [[-0.125, -0.375], [0.375, -0.125], [0.125, 0.375], [-0.375, 0.125]];
+
+/// Sixteen samples, one in each column and row of sixteenths.
+const SQUARE: [[f64; 2]; 16] = {
+    let mut all = [[0.0; 2]; 16];
+    let mut i = 0;
+    while i < 16 {
+        let swapped = (i % 4) * 4 + i / 4; // digits in base four, exchanged
+        all[i] = [(i as f64 + 0.5) / 16.0 - 0.5, (swapped as f64 + 0.5) / 16.0 - 0.5];
+        i += 1;
+    }
+    all
+};
+
+/// Casts several rays in the pixels where the face changes.
+fn smooth_edges(stage: &Stage<'_>, grid: &Grid, film: &mut Film, samples: &[[f64; 2]]) {
     let (width, height) = (film.width, film.height);
-    let share = 1.0 / (side * side) as f32;
+    let share = 1.0 / samples.len() as f32;
     for row in 0..height {
         for column in 0..width {
             let at = row * width + column;
@@ -71,17 +86,14 @@ fn smooth_edges(stage: &Stage<'_>, grid: &Grid, film: &mut Film, side: usize) {
                 continue;
             }
             let mut sum = V3::default();
-            for j in 0..side {
-                for i in 0..side {
-                    let sub = |k: usize| (k as f64 + 0.5) / side as f64 - 0.5;
-                    let ray = stage.ray(column as f64 + sub(i), row as f64 + sub(j));
-                    let colour = match stage.cast(ray, column, row) {
-                        Some((solid, hit)) => stage.shade(grid, solid, &hit, ray, (column, row), None),
-                        None => stage.backdrop * stage.exposure,
-                    };
-                    // One glint must not outshine the pixel's other parts.
-                    sum += clip(colour, 4.0);
-                }
+            for [x, y] in samples {
+                let ray = stage.ray(column as f64 + x, row as f64 + y);
+                let colour = match stage.cast(ray, column, row) {
+                    Some((solid, hit)) => stage.shade(grid, solid, &hit, ray, (column, row), None),
+                    None => stage.backdrop * stage.exposure,
+                };
+                // One glint must not outshine the pixel's other parts.
+                sum += clip(colour, 4.0);
             }
             film.light[at] = sum * share;
         }

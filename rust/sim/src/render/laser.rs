@@ -44,6 +44,21 @@ fn blur(field: &[f32]) -> Vec<f32> {
         .collect()
 }
 
+/// Mean over a cell of a clipped Gaussian profile whose middle is `off` cells away across the stripe.
+fn mean_profile(off: f32, sigma: f32, across: [f32; 2], peak: f32, most: f32) -> f32 {
+    // A square cell seen across the stripe is as wide as its shadow; five samples suffice from 0.3 cells of sigma on.
+    let wide = across[0].abs() + across[1].abs();
+    if off.abs() > REACH * sigma + 0.5 * wide {
+        return 0.0;
+    }
+    let sample = |share: f32| {
+        let x = (off + share * wide) / sigma;
+        (peak * (-0.5 * x * x).exp()).min(most)
+    };
+    // The shadow of a square at 45 degrees is a triangle, of an upright one a box: weights in between.
+    0.25 * sample(0.0) + 0.225 * (sample(-0.2) + sample(0.2)) + 0.15 * (sample(-0.4) + sample(0.4))
+}
+
 /// A stripe seen at a pixel.
 #[derive(Clone, Copy, Debug)]
 pub struct Trace {
@@ -60,27 +75,21 @@ pub struct Trace {
 }
 
 impl Stage<'_> {
-    /// Irradiance of laser `k` at a surface point, without speckle; 0 outside its sheet.
+    /// Peak irradiance of a sheet where it meets a surface point and the sheet's standard deviation there, mm;
+    /// `None` outside its fan or behind the surface.
     #[inline]
-    #[must_use]
-    pub fn sheet(&self, beam: &CamBeam, point: V3, normal: V3) -> f32 {
-        let off = (beam.plane.dot(point) - 1.0) * beam.plane_mm;
+    fn sheet(&self, beam: &CamBeam, point: V3, normal: V3) -> Option<(f32, f32)> {
         let to = point - beam.source;
-        let range = to.norm();
-        let sigma = beam.sigma_rad * range;
-        let x = off / sigma;
-        if x.abs() > REACH {
-            return 0.0;
-        }
-        let cosine = -normal.dot(to) / range;
-        let fan = beam.forward.dot(to) / range;
+        let inverse = 1.0 / to.norm();
+        let cosine = -normal.dot(to) * inverse;
+        let fan = beam.forward.dot(to) * inverse;
         if cosine <= 0.0 || fan < beam.fan_cos {
-            return 0.0;
+            return None;
         }
         // Line lenses are a little weaker to their ends and stop softly.
         let end = ((fan - beam.fan_cos) * 60.0).min(1.0);
-        let profile = (-0.5 * x * x).exp();
-        beam.at_1m * profile * cosine * end * (0.6 + 0.4 * fan * fan) * (1000.0 / range).powi(2)
+        let law = 1000.0 * inverse;
+        Some((beam.at_1m * cosine * end * (0.6 + 0.4 * fan * fan) * law * law, beam.sigma_rad / inverse))
     }
 
     /// Whether laser `k` sees a point of solid `own`.
@@ -105,25 +114,29 @@ impl Stage<'_> {
     ) -> f32 {
         let point = ray * depth;
         let cell = self.cell_per_mm * depth;
+        let coarse = self.raster.scale() > 1.5;
         let mut sum = 0.0;
         for (k, beam) in self.beams.iter().enumerate() {
             let off = (beam.plane.dot(point) - 1.0) * beam.plane_mm;
-            let sigma = beam.sigma_rad * depth * 1.15;
-            // Foreshortened faces spread the sheet over fewer pixels: 3 cells of grace.
-            if beam.at_1m <= 0.0 || off.abs() > REACH * sigma + 2.0 * cell {
+            // Foreshortened faces spread the sheet over fewer pixels: 2 cells of grace.
+            if off.abs() > REACH * 1.15 * beam.sigma_rad * depth + 2.0 * cell || beam.at_1m <= 0.0 {
                 continue;
             }
-            let coarse = self.raster.scale() > 1.5;
+            let Some((peak, sigma)) = self.sheet(beam, point, normal) else { continue };
+            let (off_px, across) = self.off_px(beam, ray, point, normal);
             let irradiance = if coarse {
-                self.mean_sheet(beam, ray, point, normal, pixel, red_per_irradiance, room_left)
+                // What the sensor's own pixels in this cell would keep: each clips by itself.
+                let px_per_sigma = if off.abs() > 1e-3 { off_px / off * sigma } else { sigma / cell };
+                let most = room_left / red_per_irradiance.max(1e-6);
+                mean_profile(off_px, px_per_sigma.abs(), across, peak, most)
             } else {
-                self.sheet(beam, point, normal)
+                let x = off / sigma;
+                if x.abs() > REACH { 0.0 } else { peak * (-0.5 * x * x).exp() }
             };
-            if irradiance <= 0.0 || !self.laser_sees(k, own, point) {
+            if irradiance <= 1e-6 || !self.laser_sees(k, own, point) {
                 continue;
             }
             if let Some(keep) = keep.as_deref_mut() {
-                let (off_px, across) = self.off_px(beam, ray, point, normal);
                 keep.push(Trace {
                     pixel: (pixel.1 * self.raster.width + pixel.0) as u32,
                     laser: k as u8,
@@ -137,40 +150,11 @@ impl Stage<'_> {
         sum
     }
 
-    /// Mean over a coarse cell of what the sensor's own pixels would keep of the sheet: each clips by itself.
-    fn mean_sheet(
-        &self,
-        beam: &CamBeam,
-        ray: V3,
-        point: V3,
-        normal: V3,
-        pixel: (usize, usize),
-        red: f32,
-        room_left: f32,
-    ) -> f32 {
-        let across =
-            self.ray(pixel.0 as f64 + 1.0, pixel.1 as f64) - self.ray(pixel.0 as f64, pixel.1 as f64);
-        let down = self.ray(pixel.0 as f64, pixel.1 as f64 + 1.0) - self.ray(pixel.0 as f64, pixel.1 as f64);
-        let offset = normal.dot(point);
-        let most = room_left / red.max(1e-6);
-        let mut sum = 0.0;
-        for j in [-0.375f32, -0.125, 0.125, 0.375] {
-            for i in [-0.375f32, -0.125, 0.125, 0.375] {
-                let sub = ray + across * i + down * j;
-                let facing = normal.dot(sub);
-                if facing.abs() > 1e-6 {
-                    sum += self.sheet(beam, sub * (offset / facing), normal).min(most);
-                }
-            }
-        }
-        sum / 16.0
-    }
-
     /// Signed distance of a pixel from the stripe on the tangent plane, in pixels of the raster, and its direction.
     fn off_px(&self, beam: &CamBeam, ray: V3, point: V3, normal: V3) -> (f32, [f32; 2]) {
         // On the plane q . X = 1 the stripe is the line (q - p) . x = 0 of the ideal image.
         let line = normal * (1.0 / normal.dot(point)) - beam.plane;
-        let slope = 1.0 / line.x.hypot(line.y).max(1e-12);
+        let slope = 1.0 / (line.x * line.x + line.y * line.y).sqrt().max(1e-12);
         (line.dot(ray) * slope / self.cell_per_mm, [line.x * slope, line.y * slope])
     }
 

@@ -12,8 +12,16 @@ pub const NOTHING: u16 = u16::MAX;
 pub struct Lit {
     /// Share of the sky seen.
     pub open: f32,
-    /// Cosine times distance law times visibility of the lamps.
-    pub lamps: [f32; 2],
+    /// Light of the lamps that arrives: cosine, distance and shadows counted.
+    pub lamps: V3,
+    /// What a perfect coat would send on to the camera.
+    pub shine: V3,
+}
+
+impl Lit {
+    fn brightness(&self) -> f32 {
+        self.open + self.lamps.y + 0.2 * self.shine.y
+    }
 }
 
 /// The coarse grid.
@@ -22,6 +30,8 @@ pub struct Grid {
     across: usize,
     most: f32,
     nodes: Vec<(u16, Lit)>,
+    /// Of the cell to the right of and below each node: whether all its nodes are on one face in even light.
+    even: Vec<bool>,
 }
 
 /// Identity of a face of a solid for the whole frame.
@@ -50,6 +60,7 @@ impl Grid {
     /// Computes the light at every `step`-th pixel.
     #[must_use]
     pub fn new(stage: &Stage<'_>, step: usize) -> Self {
+        let most = if stage.raster.scale() > 1.5 { 1.5 } else { 0.12 };
         let across = stage.raster.width.div_ceil(step) + 1;
         let down = stage.raster.height.div_ceil(step) + 1;
         let mut nodes = Vec::with_capacity(across * down);
@@ -61,13 +72,26 @@ impl Grid {
                 nodes.push(match stage.cast(ray, column, row) {
                     Some((solid, hit)) if !hit.rounded => {
                         let n = normal(stage, solid, &hit);
-                        (face_id(solid, hit.face), at(stage, solid, ray * hit.depth, n))
+                        (face_id(solid, hit.face), at(stage, solid, ray, hit.depth, n))
                     }
                     _ => (NOTHING, Lit::default()),
                 });
             }
         }
-        Self { step, across, most: if stage.raster.scale() > 1.5 { 0.35 } else { 0.12 }, nodes }
+        let spread = |cell: [usize; 4]| {
+            let (low, high) = cell.iter().fold((f32::MAX, f32::MIN), |(l, h), i| {
+                let b = nodes[*i].1.brightness();
+                (l.min(b), h.max(b))
+            });
+            high - low
+        };
+        let even = (0..nodes.len())
+            .map(|i| {
+                let cell = [i, i + 1, i + across, i + across + 1];
+                cell[3] < nodes.len() && cell.iter().all(|n| nodes[*n].0 == nodes[i].0) && spread(cell) < most
+            })
+            .collect();
+        Self { step, across, most, nodes, even }
     }
 
     /// Light at a pixel of a face; `None` where no node of the cell is on that face, or light changes too fast.
@@ -78,25 +102,29 @@ impl Grid {
         let inverse = 1.0 / self.step as f32;
         let (x, y) = ((column - i * self.step) as f32 * inverse, (row - j * self.step) as f32 * inverse);
         let at = j * self.across + i;
-        let nodes = [
-            self.nodes[at],
-            self.nodes[at + 1],
-            self.nodes[at + self.across],
-            self.nodes[at + self.across + 1],
-        ];
-        let (mut low, mut high) = (f32::MAX, f32::MIN);
+        let (upper, lower) = (&self.nodes[at..at + 2], &self.nodes[at + self.across..at + self.across + 2]);
         let weights = [(1.0 - x) * (1.0 - y), x * (1.0 - y), (1.0 - x) * y, x * y];
+        let cell = [&upper[0], &upper[1], &lower[0], &lower[1]];
+        if self.even[at] && upper[0].0 == id {
+            let mut sum = Lit::default();
+            for ((_, lit), w) in cell.iter().zip(weights) {
+                sum.open += lit.open * w;
+                sum.lamps += lit.lamps * w;
+                sum.shine += lit.shine * w;
+            }
+            return Some(sum);
+        }
         let mut sum = Lit::default();
         let mut total = 0.0;
-        for ((node, lit), weight) in nodes.iter().zip(weights) {
+        let (mut low, mut high) = (f32::MAX, f32::MIN);
+        for ((node, lit), weight) in cell.iter().zip(weights) {
             if *node == id {
                 let w = weight + 1e-4;
                 total += w;
-                let brightness = lit.open + lit.lamps[0] + lit.lamps[1];
-                (low, high) = (low.min(brightness), high.max(brightness));
+                (low, high) = (low.min(lit.brightness()), high.max(lit.brightness()));
                 sum.open += lit.open * w;
-                sum.lamps[0] += lit.lamps[0] * w;
-                sum.lamps[1] += lit.lamps[1] * w;
+                sum.lamps += lit.lamps * w;
+                sum.shine += lit.shine * w;
             }
         }
         // The border of a shadow runs through this cell: interpolation would show the grid.
@@ -104,31 +132,48 @@ impl Grid {
             return None;
         }
         let s = 1.0 / total;
-        Some(Lit { open: sum.open * s, lamps: [sum.lamps[0] * s, sum.lamps[1] * s] })
+        Some(Lit { open: sum.open * s, lamps: sum.lamps * s, shine: sum.shine * s })
     }
 }
 
-/// Light at a point of a solid with a normal, computed in full.
+/// Light at a hit of a solid with a normal, computed in full.
 #[must_use]
-pub fn at(stage: &Stage<'_>, own: usize, point: V3, normal: V3) -> Lit {
-    let mut lit = Lit { open: open(stage, own, point, normal), lamps: [0.0; 2] };
-    for (lamp, out) in stage.lamps.iter().zip(&mut lit.lamps) {
+pub fn at(stage: &Stage<'_>, own: usize, ray: V3, depth: f32, normal: V3) -> Lit {
+    let point = ray * depth;
+    let open = open(stage, own, point, normal);
+    let back = -ray.unit();
+    let slant = normal.dot(back).max(0.0);
+    let grazing = (1.0 - slant) * (1.0 - slant);
+    let mirror = normal * (2.0 * slant) - back;
+    let up = 0.5 + 0.5 * mirror.dot(stage.up);
+    let around = stage.sky * up + stage.ground * (1.0 - up);
+    let mut lit = Lit {
+        open,
+        lamps: V3::default(),
+        shine: around * (open * (0.06 + grazing * grazing * (1.0 - slant))),
+    };
+    for lamp in &stage.lamps {
         let to = lamp.at - point;
         let distance = to.norm();
-        let cosine = normal.dot(to) / distance;
+        let direction = to * (1.0 / distance);
+        let cosine = normal.dot(direction);
         if cosine <= 0.0 {
             continue;
         }
         let law = (lamp.reference_mm / distance).powi(2).clamp(0.2, 2.5);
-        *out = cosine * law * seen(stage, own, point, to, distance, lamp.width);
+        let arrives = lamp.power * (law * seen(stage, own, point, direction, distance, lamp.width));
+        lit.lamps += arrives * cosine;
+        // A soft spot of some 10 degrees: boards and tapes are never mirrors.
+        let half = normal.dot((direction + back).unit()).max(0.0);
+        let spot = (half * half).powi(24);
+        lit.shine += arrives * (1.2 * spot);
     }
     lit
 }
 
 /// Share of a lamp that is seen from a point.
-fn seen(stage: &Stage<'_>, own: usize, point: V3, to: V3, distance: f32, width: f32) -> f32 {
+fn seen(stage: &Stage<'_>, own: usize, point: V3, direction: V3, distance: f32, width: f32) -> f32 {
     let mut share = 1.0f32;
-    let direction = to * (1.0 / distance);
     // The sun is so far that single precision would lose the box: a few metres of the way are enough.
     let reach = distance.min(8000.0);
     let way = direction * reach;
@@ -159,7 +204,6 @@ fn open(stage: &Stage<'_>, own: usize, point: V3, normal: V3) -> f32 {
     const HEIGHTS: [f32; 3] = [22.0, 110.0, 420.0];
     const WEIGHTS: [f32; 3] = [0.30, 0.28, 0.26];
     let mut gaps = HEIGHTS;
-    let probes = HEIGHTS.map(|h| point + normal * h);
     for (j, s) in stage.solids.iter().enumerate() {
         if j == own {
             continue;
@@ -169,8 +213,9 @@ fn open(stage: &Stage<'_>, own: usize, point: V3, normal: V3) -> f32 {
         if c.dot(c) > far * far {
             continue;
         }
-        for (gap, probe) in gaps.iter_mut().zip(probes) {
-            *gap = gap.min(s.gap(probe));
+        let (p, n) = (s.local(point), s.local_dir(normal));
+        for (gap, height) in gaps.iter_mut().zip(HEIGHTS) {
+            *gap = gap.min(s.gap_local(p + n * height));
         }
     }
     let mut open = 1.0;

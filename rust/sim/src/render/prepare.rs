@@ -47,6 +47,17 @@ pub struct CamLamp {
     pub reference_mm: f32,
 }
 
+/// What is the same all over a flat face.
+#[derive(Clone, Copy, Debug)]
+pub struct FaceLight {
+    /// Outward normal.
+    pub normal: V3,
+    /// Diffuse irradiance without occlusion.
+    pub ambient: V3,
+    /// By how much pixels on it are longer than those of a face seen straight on.
+    pub stretch: f32,
+}
+
 /// A beam in single precision.
 #[derive(Clone, Copy, Debug)]
 pub struct CamBeam {
@@ -95,10 +106,12 @@ pub struct Stage<'a> {
     pub exposure: f32,
     /// Sensor noise of the scene.
     pub noise: f64,
+    /// By solid and face.
+    pub(super) faces: Vec<FaceLight>,
     pub(super) photos: &'a Photos,
     pub(super) cell_per_mm: f32,
     pub(super) options: Options,
-    tiles: Vec<Vec<u16>>,
+    tiles: Vec<Vec<(f32, u16)>>,
     tiles_across: usize,
 }
 
@@ -124,15 +137,21 @@ impl<'a> Stage<'a> {
             .collect();
         placed.sort_by(|a, b| a.1.nearest.total_cmp(&b.1.nearest).then(a.0.cmp(&b.0)));
         let body: Vec<usize> = placed.iter().map(|p| p.0).collect();
-        let solids: Vec<Solid> = placed.into_iter().map(|p| p.1).collect();
+        let mut solids: Vec<Solid> = placed.into_iter().map(|p| p.1).collect();
+        for solid in &mut solids {
+            // A rounding smaller than half a pixel is not seen, but costs as much as a large one.
+            if solid.radius < 0.5 * cell_per_mm * solid.nearest {
+                solid.radius = 0.0;
+            }
+        }
         let bodies = || body.iter().map(|i| &scene.bodies[*i]);
-        let rects: Vec<Option<[f64; 4]>> = solids.iter().map(|s| screen_rect(s, head, &raster)).collect();
+        let outlines: Vec<Option<Outline>> = solids.iter().map(|s| outline(s, head, &raster)).collect();
         let stamps = bodies()
             .zip(&solids)
-            .zip(&rects)
-            .map(|((b, s), rect)| {
+            .zip(&outlines)
+            .map(|((b, s), seen)| {
                 let mut faces: [Vec<Stamp>; FACES] = Default::default();
-                if rect.is_some() {
+                if seen.is_some() {
                     for decal in b.look.decals.iter().filter(|d| faces_camera(s, d.face)) {
                         let foot = cell_per_mm * nearest_of_face(s, decal.face);
                         if decal.half[0].max(decal.half[1]) > 0.7 * foot {
@@ -182,8 +201,21 @@ impl<'a> Stage<'a> {
                 })
                 .collect()
         });
+        let up: V3 = (view.cam_from_world * Vector3::z()).into();
+        let faces = solids.iter().flat_map(|s| {
+            (0..FACES).map(move |f| {
+                let normal = s.cam_dir(crate::solid::face_normal(f).into());
+                let slant = (-normal.dot(s.centre.unit())).max(0.15);
+                FaceLight {
+                    normal,
+                    ambient: diffuse(&scene.light, normal.dot(up)),
+                    stretch: 1.0 / slant.sqrt(),
+                }
+            })
+        });
+        let faces = faces.collect();
         let tiles_across = raster.width.div_ceil(TILE);
-        let tiles = tile_lists(&rects, &raster, tiles_across);
+        let tiles = tile_lists(&solids, &outlines, &raster, &camera);
         Self {
             raster,
             camera,
@@ -195,7 +227,8 @@ impl<'a> Stage<'a> {
             stamps,
             casters,
             lamps,
-            up: (view.cam_from_world * Vector3::z()).into(),
+            up,
+            faces,
             sky: scene.light.sky,
             ground: scene.light.ground,
             backdrop: scene.light.backdrop,
@@ -225,17 +258,23 @@ impl<'a> Stage<'a> {
         let tile = (row / TILE) * self.tiles_across + column / TILE;
         let mut best: Option<(usize, Hit)> = None;
         let mut limit = f32::INFINITY;
-        for &i in &self.tiles[tile] {
-            let solid = &self.solids[usize::from(i)];
-            if solid.nearest >= limit {
-                break; // sorted by nearest depth: nothing after this can be nearer
+        for &(nearest, i) in &self.tiles[tile] {
+            if nearest >= limit {
+                break; // sorted by nearest depth in this tile: nothing after this can be nearer
             }
+            let solid = &self.solids[usize::from(i)];
             if let Some(hit) = solid.hit(ray, limit) {
                 limit = hit.depth;
                 best = Some((usize::from(i), hit));
             }
         }
         best
+    }
+
+    /// Diffuse irradiance on a free surface.
+    pub(super) fn ambient(&self, normal: V3) -> V3 {
+        let up = 0.5 + 0.5 * normal.dot(self.up);
+        self.sky * up + self.ground * (1.0 - up)
     }
 
     /// Index of the target among the solids.
@@ -245,6 +284,11 @@ impl<'a> Stage<'a> {
     }
 }
 
+fn diffuse(light: &crate::world::Lighting, up: f32) -> V3 {
+    let up = 0.5 + 0.5 * up;
+    light.sky * up + light.ground * (1.0 - up)
+}
+
 fn corners(half: V3) -> impl Iterator<Item = V3> {
     (0..8).map(move |i| {
         let sign = |bit: usize| if i >> bit & 1 == 1 { 1.0 } else { -1.0 };
@@ -252,11 +296,15 @@ fn corners(half: V3) -> impl Iterator<Item = V3> {
     })
 }
 
-/// Columns and rows that a solid can cover; `None` if it is outside the raster.
-fn screen_rect(solid: &Solid, head: &Head, raster: &Raster) -> Option<[f64; 4]> {
+/// What a solid can cover on the raster: bounds along columns, rows and both diagonals. Boxes stand at 45 degrees in the
+/// image, so the diagonals bound them best.
+type Outline = [[f64; 2]; 4];
+
+/// `None` if the solid is outside the raster.
+fn outline(solid: &Solid, head: &Head, raster: &Raster) -> Option<Outline> {
     let (w, h) = (raster.width as f64, raster.height as f64);
-    let everything = [0.0, 0.0, w, h];
-    let mut rect = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
+    let everything = [[0.0, w], [0.0, h], [0.0, w + h], [-h, w]];
+    let mut bounds: Outline = [[f64::INFINITY, f64::NEG_INFINITY]; 4];
     let grow = v3(1.0, 1.0, 1.0) * solid.bulge.iter().fold(0f32, |a, b| a.max(b.abs()));
     for corner in corners(solid.half + grow) {
         let p = solid.centre + solid.cam_dir(corner);
@@ -267,24 +315,46 @@ fn screen_rect(solid: &Solid, head: &Head, raster: &Raster) -> Option<[f64; 4]> 
         let cam = Vector3::new(f64::from(p.x), f64::from(p.y), f64::from(p.z));
         let Some(px) = px_of(head, &cam) else { return Some(everything) };
         let [c, r] = raster.from_px(px);
-        rect = [rect[0].min(c), rect[1].min(r), rect[2].max(c), rect[3].max(r)];
+        for ([low, high], at) in bounds.iter_mut().zip([c, r, c + r, c - r]) {
+            *low = low.min(at);
+            *high = high.max(at);
+        }
     }
     // Distortion bends straight edges: a few thousandths of their length.
-    let slack = 2.0 + 0.02 * ((rect[2] - rect[0]) + (rect[3] - rect[1]));
-    let rect = [rect[0] - slack, rect[1] - slack, rect[2] + slack, rect[3] + slack];
-    (rect[2] > 0.0 && rect[3] > 0.0 && rect[0] < w && rect[1] < h).then_some(rect)
+    let slack = 3.0 + 0.02 * (bounds[0][1] - bounds[0][0] + bounds[1][1] - bounds[1][0]);
+    let bounds = bounds.map(|[low, high]| [low - slack, high + slack]);
+    let [[x0, x1], [y0, y1], ..] = bounds;
+    (x1 > 0.0 && y1 > 0.0 && x0 < w && y0 < h).then_some(bounds)
 }
 
-fn tile_lists(rects: &[Option<[f64; 4]>], raster: &Raster, across: usize) -> Vec<Vec<u16>> {
-    let down = raster.height.div_ceil(TILE);
-    let mut tiles = vec![Vec::new(); across * down];
-    for (i, rect) in rects.iter().enumerate() {
-        let (Some([x0, y0, x1, y1]), Ok(index)) = (rect, u16::try_from(i)) else { continue };
-        let clamp = |x: f64, n: usize| ((x.max(0.0) as usize) / TILE).min(n - 1);
-        for ty in clamp(*y0, down)..=clamp(*y1, down) {
-            for tx in clamp(*x0, across)..=clamp(*x1, across) {
-                tiles[ty * across + tx].push(index);
+/// For each tile the solids that may be seen in it with the least depth they can have there, nearest first.
+fn tile_lists(
+    solids: &[Solid],
+    outlines: &[Option<Outline>],
+    raster: &Raster,
+    camera: &CameraModel,
+) -> Vec<Vec<(f32, u16)>> {
+    let (across, down) = (raster.width.div_ceil(TILE), raster.height.div_ceil(TILE));
+    let mut tiles = Vec::with_capacity(across * down);
+    for ty in 0..down {
+        for tx in 0..across {
+            let (x0, y0) = ((tx * TILE) as f64 - 1.0, (ty * TILE) as f64 - 1.0);
+            let (x1, y1) = (x0 + TILE as f64 + 1.0, y0 + TILE as f64 + 1.0);
+            let ray = |c: f64, r: f64| V3::from(camera.ray_from_px(raster.px(c, r)).xy1);
+            let rays = [ray(x0, y0), ray(x1, y0), ray(x0, y1), ray(x1, y1)];
+            let span = [[x0, x1], [y0, y1], [x0 + y0, x1 + y1], [x0 - y1, x1 - y0]];
+            let mut list = Vec::new();
+            for (i, (solid, outline)) in solids.iter().zip(outlines).enumerate() {
+                let Some(outline) = outline else { continue };
+                let apart = outline.iter().zip(&span).any(|(a, b)| a[1] < b[0] || a[0] > b[1]);
+                if let (false, Ok(index)) = (apart, u16::try_from(i)) {
+                    if let Some(least) = solid.least_depth(&rays) {
+                        list.push((least, index));
+                    }
+                }
             }
+            list.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+            tiles.push(list);
         }
     }
     tiles

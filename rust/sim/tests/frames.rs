@@ -1,0 +1,108 @@
+//! Whole frames: the same seed gives the same bytes, and stripes are where their planes say.
+
+use boxline::Px;
+use boxline_sim::head::SENSOR_PX;
+use boxline_sim::labels::CHANNELS;
+use boxline_sim::render::{Film, Options, Stage, expose_film};
+use boxline_sim::stream::{FRAME_PX, header, sample, write_stream};
+use boxline_sim::truth::face_of;
+use boxline_sim::world::{Plan, Scene, compose};
+use boxline_sim::{Head, Photos, Raster, Rng};
+
+#[test]
+fn a_seed_gives_the_same_frame_and_another_seed_another() {
+    let photos = Photos::default();
+    let first = sample(77, &photos).unwrap();
+    assert_eq!(first, sample(77, &photos).unwrap());
+    assert_ne!(first.rgb, sample(78, &photos).unwrap().rgb);
+}
+
+#[test]
+fn a_stream_is_what_its_header_says() {
+    let mut bytes = Vec::new();
+    write_stream(&mut bytes, 5, Some(2), &Photos::default()).unwrap();
+    assert_eq!(header().len(), 128);
+    assert!(bytes.starts_with(header().as_bytes()));
+    let mut at = 128;
+    for seed in [5u64, 6] {
+        assert_eq!(bytes[at..at + 8], seed.to_le_bytes());
+        let meta = u32::from_le_bytes(bytes[at + 8..at + 12].try_into().unwrap()) as usize;
+        let text = std::str::from_utf8(&bytes[at + 12..at + 12 + meta]).unwrap();
+        let value: serde_json::Value = serde_json::from_str(text).unwrap();
+        assert_eq!(value["contrast"].as_array().unwrap().len(), 4);
+        at += 12 + meta + FRAME_PX[0] * FRAME_PX[1] * 3 + FRAME_PX[0] * FRAME_PX[1] / 4 * CHANNELS.len();
+    }
+    assert_eq!(at, bytes.len());
+}
+
+/// A measurable face, bare and without bulge, of a head of its own.
+fn flat_scene() -> (Head, Scene) {
+    let head = Head::random(&mut Rng::new(30, 1)).unwrap();
+    let mut scene = compose(&mut Rng::new(30, 2), &head, Plan::Face, &Photos::default());
+    let target = &mut scene.bodies[scene.target.unwrap()];
+    target.bulge_mm = [0.0; 6];
+    target.look.decals.clear();
+    target.look.gloss = 0.0;
+    (head, scene)
+}
+
+fn film(head: &Head, scene: &Scene, lasers: bool) -> Film {
+    let options = Options { lasers, speckle: false, seed: 0 };
+    let photos = Photos::default();
+    expose_film(&Stage::new(scene, &scene.views[0], head, Raster::full(SENSOR_PX), &photos, options))
+}
+
+/// The stripe of laser k on a face q . X = 1 is the line (q - p_k) . x = 0 of the ideal image: the light's centroid along
+/// a row must lie on it within 0.05 px.
+#[test]
+fn stripe_centroids_lie_on_the_line_of_the_two_planes() {
+    let (head, scene) = flat_scene();
+    let (on, off) = (film(&head, &scene, true), film(&head, &scene, false));
+    let view = &scene.views[0];
+    let face = face_of(&scene, view).unwrap();
+    let inward = face.cam_from_face.column(2);
+    let q = inward / inward.dot(&face.centre);
+    let camera = head.calibration.camera();
+    let mut worst = 0.0f64;
+    for laser in 0..4 {
+        let line = q - head.plane(laser);
+        let at = |u: f64, v: f64| line.dot(&camera.ray_from_px(Px::new(u, v)).xy1);
+        let ends = face
+            .crossing(&head, laser, 0.0)
+            .unwrap()
+            .at
+            .map(|[right, down]| boxline_sim::pose::px_of(&head, &face.point(right, down)).unwrap());
+        let mut rows = 0;
+        for step in 1..60 {
+            let t = f64::from(step) / 60.0;
+            let v = (ends[0].v + (ends[1].v - ends[0].v) * t).round();
+            let guess = ends[0].u + (ends[1].u - ends[0].u) * t;
+            let (mut low, mut high) = (guess - 60.0, guess + 60.0);
+            for _ in 0..60 {
+                let middle = 0.5 * (low + high);
+                let same = (at(middle, v) > 0.0) == (at(low, v) > 0.0);
+                if same { low = middle } else { high = middle }
+            }
+            let expected = 0.5 * (low + high);
+            // Print and fibres modulate both films alike: their ratio shows the laser alone.
+            let (mut sum, mut weight) = (0.0, 0.0);
+            let middle = expected.round();
+            let reach = 24i32;
+            let mut clean = true;
+            for d in -reach..=reach {
+                let i = v as usize * on.width + (middle as i64 + i64::from(d)) as usize;
+                let share = f64::from((on.light[i].x - off.light[i].x) / off.light[i].x.max(1e-6));
+                let others = on.traces.iter().any(|t| t.pixel as usize == i && usize::from(t.laser) != laser);
+                clean &= !others && on.ids[i] == on.ids[v as usize * on.width + middle as usize];
+                sum += share * (middle + f64::from(d));
+                weight += share;
+            }
+            if clean && weight > 0.0 {
+                rows += 1;
+                worst = worst.max((sum / weight - expected).abs());
+            }
+        }
+        assert!(rows > 10, "laser {}: only {rows} clean rows", laser + 1);
+    }
+    assert!(worst < 0.05, "{worst} px");
+}
