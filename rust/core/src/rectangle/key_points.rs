@@ -19,8 +19,10 @@ pub(crate) struct KeyPointSides {
     pub variances_mm2: [f64; 2],
 }
 
-/// Localisation of a key point, px: the paper reports 1.96 px for its network; crossings of fitted lines reach 0.3 px.
-const KEY_POINT_SIGMA_PX: f64 = 0.5;
+/// Localisation of a key point, px: along its stripe that of a fitted edge, across it that of a fitted stripe at its end
+/// (the paper reports 1.96 px for its network's key points; physics.md).
+const EDGE_SIGMA_PX: f64 = 0.5;
+const STRIPE_SIGMA_PX: f64 = 0.15;
 
 /// Where the stripe of `id` meets the line `offset` on a raster: the other coordinate, mm.
 pub(crate) fn crossing_on(
@@ -104,11 +106,16 @@ pub(crate) fn measure(
         Some([0.5 * (distance(0, 1) + distance(3, 2)), 0.5 * (distance(1, 2) + distance(0, 3))])
     };
     let sides_mm = sides_of(&|_, _| (0.0, 0.0))?;
-    // Every key point moved by its sigma along u and along v, one at a time.
+    // Every key point moved along its stripe (where the edge lies) and across it (where the stripe lies), one at a time.
+    let d = on_sides(calibration, fit)?;
     let mut variances_mm2 = [0.0; 2];
     for side in 0..4 {
         for end in 0..2 {
-            for step_px in [(KEY_POINT_SIGMA_PX, 0.0), (0.0, KEY_POINT_SIGMA_PX)] {
+            let [from, to] = d[SIDES[side].0.stripes()[end].index()];
+            let length = from.distance_px(to).max(1.0);
+            let (u, v) = ((to.u - from.u) / length, (to.v - from.v) / length);
+            let (edge, stripe) = (EDGE_SIGMA_PX, STRIPE_SIGMA_PX);
+            for step_px in [(u * edge, v * edge), (-v * stripe, u * stripe)] {
                 let moved = sides_of(&|s, e| if (s, e) == (side, end) { step_px } else { (0.0, 0.0) })?;
                 for (v, (m, s)) in variances_mm2.iter_mut().zip(moved.iter().zip(sides_mm)) {
                     *v += (m - s).powi(2);
