@@ -216,22 +216,21 @@ fn edges(
             // The target's edge is seen where its face is; any other where either face is.
             let sides = sides
                 .map(|s| s.filter(|(id, _)| !is_own || own_face.is_some_and(|f| *id == face_id(index, f))));
-            edge(canvas, stage, film, raster, solid, ends, sides, channel);
+            edge(canvas, stage, film, raster, solid, &Edge { ends, sides, channel });
         }
     }
 }
 
-/// One edge: dots every half a label px where a neighbouring face is seen.
-fn edge(
-    canvas: &mut Canvas,
-    stage: &Stage<'_>,
-    film: &Film,
-    raster: &Raster,
-    solid: &Solid,
+/// An edge of a solid, in its frame: ends, the faces beside it with the way into them, where it is drawn.
+struct Edge {
     ends: [V3; 2],
     sides: [Option<(u16, V3)>; 2],
     channel: usize,
-) {
+}
+
+/// One edge: dots every half a label px where a neighbouring face is seen.
+fn edge(canvas: &mut Canvas, stage: &Stage<'_>, film: &Film, raster: &Raster, solid: &Solid, edge: &Edge) {
+    let Edge { ends, sides, channel } = *edge;
     const PIECES: usize = 8;
     let cam = |local: V3| solid.centre + solid.cam_dir(local);
     let at = |i: usize, shift: V3| {

@@ -1,5 +1,7 @@
 //! Whole frames: the same seed gives the same bytes, and stripes are where their planes say.
 
+#![allow(clippy::unwrap_used)] // the helpers of these tests are outside of test functions
+
 use boxline::Px;
 use boxline_sim::head::SENSOR_PX;
 use boxline_sim::labels::CHANNELS;

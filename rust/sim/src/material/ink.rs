@@ -92,8 +92,9 @@ impl Bitmap {
         }
     }
 
-    /// Writes a text into a rectangle (texels), as high as it; `bold` is the pen's radius in grid units.
-    pub fn text(&mut self, text: &str, x: f32, y: f32, width: f32, height: f32, bold: f32, rgb: [u8; 3]) {
+    /// Writes a text into a rectangle (left, top, width, height in texels); `bold` is the pen's radius in grid units.
+    pub fn text(&mut self, text: &str, place: [f32; 4], bold: f32, rgb: [u8; 3]) {
+        let [x, y, width, height] = place;
         if height < 5.0 {
             // Too small to be read: a grey dash for each word looks the same.
             let letter = width / text.chars().count().max(1) as f32;
@@ -188,7 +189,7 @@ pub fn label(seed: u64, width: usize, height: usize) -> Bitmap {
         for i in 0..n {
             let text = format!("{} {} {}", word(rng), code(rng, 4), word(rng));
             let long = (x1 - x0) * rng.range_f32(0.5, 1.0);
-            map.text(&text, x0, y0 + i as f32 * pitch, long, pitch * 0.6, 0.35, black);
+            map.text(&text, [x0, y0 + i as f32 * pitch, long, pitch * 0.6], 0.35, black);
         }
     };
     match layout {
@@ -196,18 +197,18 @@ pub fn label(seed: u64, width: usize, height: usize) -> Bitmap {
             rows(&mut map, &mut rng, 0.08 * w, 0.08 * h, 0.9 * w, 0.42 * h, 4);
             bars(&mut map, &mut rng, 0.08 * w, 0.46 * h, 0.92 * w, 0.8 * h);
             let text = code(&mut rng, 12);
-            map.text(&text, 0.15 * w, 0.84 * h, 0.7 * w, 0.08 * h, 0.4, black);
+            map.text(&text, [0.15 * w, 0.84 * h, 0.7 * w, 0.08 * h], 0.4, black);
         }
         1 => {
             bars(&mut map, &mut rng, 0.07 * w, 0.08 * h, 0.6 * w, 0.5 * h);
             rows(&mut map, &mut rng, 0.07 * w, 0.58 * h, 0.62 * w, 0.95 * h, 4);
             map.rect(0.68 * w, 0.55 * h, 0.93 * w, 0.92 * h, black);
             let text = code(&mut rng, 2);
-            map.text(&text, 0.71 * w, 0.62 * h, 0.19 * w, 0.22 * h, 0.6, paper);
+            map.text(&text, [0.71 * w, 0.62 * h, 0.19 * w, 0.22 * h], 0.6, paper);
         }
         _ => {
             let text = code(&mut rng, 5);
-            map.text(&text, 0.08 * w, 0.08 * h, 0.84 * w, 0.26 * h, 0.75, black);
+            map.text(&text, [0.08 * w, 0.08 * h, 0.84 * w, 0.26 * h], 0.75, black);
             map.rect(0.05 * w, 0.4 * h, 0.95 * w, 0.415 * h, black);
             bars(&mut map, &mut rng, 0.1 * w, 0.46 * h, 0.9 * w, 0.7 * h);
             rows(&mut map, &mut rng, 0.08 * w, 0.75 * h, 0.9 * w, 0.96 * h, 3);

@@ -69,7 +69,7 @@ impl Tile {
         Self { levels }
     }
 
-    /// Nearest sample: for grain as fine as the pixels, which needs no smoothness.
+    /// Like [`Tile::at`], but the nearest texel where texels are as fine as the pixels and smoothness is not seen.
     #[inline]
     #[must_use]
     pub fn grain(&self, x: f32, y: f32, footprint: f32) -> f32 {

@@ -83,7 +83,7 @@ impl Decal {
             Art::Label(seed) => label(*seed, w, h),
             Art::Text(text, rgb, bold) => {
                 let mut map = clear(rgb);
-                map.text(text, 0.0, 0.0, wf, hf, *bold, *rgb);
+                map.text(text, [0.0, 0.0, wf, hf], *bold, *rgb);
                 map
             }
             Art::Arrows(rgb) => {

@@ -68,10 +68,10 @@ impl Surface {
         let (x, y) = (u + self.offset[0] + 131.0 * face as f32, v + self.offset[1]);
         match self.pattern {
             Pattern::Board { flute_mm } => {
-                let blotch = t.cloud.at(x * 0.8, y * 0.8, foot * 0.8);
+                let blotch = t.cloud.grain(x * 0.8, y * 0.8, foot * 0.8);
                 let fibre = t.fibre.grain(x * 2.6, y * 2.6, foot * 2.6);
                 // From afar the fine streaks of the paper machine are not seen.
-                let cloud = if foot < 0.9 { t.streak.at(x * 0.6, y * 1.7, foot * 1.7) } else { 0.0 };
+                let cloud = if foot < 0.9 { t.streak.grain(x * 0.6, y * 1.7, foot * 1.7) } else { 0.0 };
                 let mut tone = 1.0 + s * (0.035 * blotch + 0.055 * fibre + 0.018 * cloud);
                 if flute_mm > 0.0 && foot < flute_mm {
                     let wave = (y * (std::f32::consts::TAU / flute_mm)).sin();
@@ -93,11 +93,11 @@ impl Surface {
                 wood * (tone * (1.0 - 0.7 * joint))
             }
             Pattern::Stone => {
-                let large = t.cloud.at(x * 0.11, y * 0.11, foot * 0.11);
-                let small = t.cloud.at(x * 0.9 + 91.0, y * 0.9, foot * 0.9);
+                let large = t.cloud.grain(x * 0.11, y * 0.11, foot * 0.11);
+                let small = t.cloud.grain(x * 0.9 + 91.0, y * 0.9, foot * 0.9);
                 let grain = t.fibre.grain(x * 0.7, y * 0.7, foot * 0.7);
                 let tone = 1.0 + s * (0.10 * large + 0.06 * small + 0.07 * grain);
-                let stain = (t.cloud.at(x * 0.045 + 300.0, y * 0.045, foot * 0.045) - 0.7).clamp(0.0, 1.0);
+                let stain = (t.cloud.grain(x * 0.045 + 300.0, y * 0.045, foot * 0.045) - 0.7).clamp(0.0, 1.0);
                 (self.base + (self.second - self.base) * (0.45 * stain)) * tone
             }
             Pattern::Brick => {
@@ -118,19 +118,19 @@ impl Surface {
                 let to_joint = px.min(side_mm - px).min(py).min(side_mm - py);
                 let joint = cover(2.5, to_joint, foot);
                 let speck = t.fibre.grain(x * 0.5, y * 0.5, foot * 0.5);
-                let cloud = t.cloud.at(x * 0.15, y * 0.15, foot * 0.15);
+                let cloud = t.cloud.grain(x * 0.15, y * 0.15, foot * 0.15);
                 let tone = 0.95 + 0.1 * hash01(i as i32, j as i32, 2) + s * (0.04 * speck + 0.05 * cloud);
                 (self.base * (1.0 - joint) + self.second * joint) * tone
             }
             Pattern::Sheet { pitch_mm } => {
                 let phase = x * (std::f32::consts::TAU / pitch_mm);
                 let wave = phase.sin() * (1.0 - foot / pitch_mm).clamp(0.0, 1.0);
-                let dirt = t.streak.at(y * 0.1, x * 0.4, foot * 0.4);
+                let dirt = t.streak.grain(y * 0.1, x * 0.4, foot * 0.4);
                 self.base * (1.0 + 0.22 * wave + 0.05 * s * dirt)
             }
             Pattern::Paint => {
-                let dirt = t.cloud.at(x * 0.3, y * 0.3, foot * 0.3);
-                let scratch = t.streak.at(x * 0.9, y * 0.9, foot * 0.9);
+                let dirt = t.cloud.grain(x * 0.3, y * 0.3, foot * 0.3);
+                let scratch = t.streak.grain(x * 0.9, y * 0.9, foot * 0.9);
                 self.base * (1.0 + s * (0.04 * dirt + 0.02 * scratch))
             }
             Pattern::Photo { index, width_mm } => match photos.all.get(index) {
@@ -142,9 +142,9 @@ impl Surface {
 
     fn wood(&self, x: f32, y: f32, foot: f32) -> V3 {
         let t = tiles();
-        let bend = 14.0 * t.cloud.at(x * 0.25, y * 0.25, foot * 0.25);
-        let grain = t.streak.at(x * 0.8, (y + bend) * 2.2, foot * 2.2);
-        let broad = t.streak.at(x * 0.3, (y + bend) * 0.5, foot * 0.5);
+        let bend = 14.0 * t.cloud.grain(x * 0.25, y * 0.25, foot * 0.25);
+        let grain = t.streak.grain(x * 0.8, (y + bend) * 2.2, foot * 2.2);
+        let broad = t.streak.grain(x * 0.3, (y + bend) * 0.5, foot * 0.5);
         let mixed = (0.35 + self.strength * (0.22 * grain + 0.2 * broad)).clamp(0.0, 1.0);
         self.base + (self.second - self.base) * mixed
     }

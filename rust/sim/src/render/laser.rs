@@ -59,6 +59,23 @@ fn mean_profile(off: f32, sigma: f32, across: [f32; 2], peak: f32, most: f32) ->
     0.25 * sample(0.0) + 0.225 * (sample(-0.2) + sample(0.2)) + 0.15 * (sample(-0.4) + sample(0.4))
 }
 
+/// A surface point that lasers may meet.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Spot {
+    /// Its solid.
+    pub own: usize,
+    /// The ray that sees it.
+    pub ray: V3,
+    /// Its depth, mm.
+    pub depth: f32,
+    /// Its normal.
+    pub normal: V3,
+    /// What one unit of irradiance adds to the red channel.
+    pub red: f32,
+    /// How much the red channel can still take.
+    pub room: f32,
+}
+
 /// A stripe seen at a pixel.
 #[derive(Clone, Copy, Debug)]
 pub struct Trace {
@@ -99,19 +116,14 @@ impl Stage<'_> {
         !self.laser_casters[k].iter().any(|&j| j != own && self.solids[j].blocks(point, source - point))
     }
 
-    /// Light that the lasers add at a pixel: irradiance in the red channel. `under` is the red light already there,
-    /// `albedo` the red reflectance; traces are kept if wanted.
+    /// Irradiance that the lasers add at a spot; traces are kept if wanted.
     pub(super) fn lasers(
         &self,
-        own: usize,
-        ray: V3,
-        depth: f32,
-        normal: V3,
+        spot: &Spot,
         pixel: (usize, usize),
         mut keep: Option<&mut Vec<Trace>>,
-        red_per_irradiance: f32,
-        room_left: f32,
     ) -> f32 {
+        let Spot { own, ray, depth, normal, red, room } = *spot;
         let point = ray * depth;
         let cell = self.cell_per_mm * depth;
         let coarse = self.raster.scale() > 1.5;
@@ -127,7 +139,7 @@ impl Stage<'_> {
             let irradiance = if coarse {
                 // What the sensor's own pixels in this cell would keep: each clips by itself.
                 let px_per_sigma = if off.abs() > 1e-3 { off_px / off * sigma } else { sigma / cell };
-                let most = room_left / red_per_irradiance.max(1e-6);
+                let most = room / red.max(1e-6);
                 mean_profile(off_px, px_per_sigma.abs(), across, peak, most)
             } else {
                 let x = off / sigma;
@@ -142,7 +154,7 @@ impl Stage<'_> {
                     laser: k as u8,
                     off_px,
                     across,
-                    red: irradiance * red_per_irradiance,
+                    red: irradiance * red,
                 });
             }
             sum += irradiance * self.speckle_at(k, pixel, coarse);

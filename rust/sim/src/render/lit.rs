@@ -177,20 +177,14 @@ fn seen(stage: &Stage<'_>, own: usize, point: V3, direction: V3, distance: f32, 
     // The sun is so far that single precision would lose the box: a few metres of the way are enough.
     let reach = distance.min(8000.0);
     let way = direction * reach;
-    for &j in &stage.casters {
-        if j == own {
+    for &(centre, bound, j) in &stage.casters {
+        let c = centre - point;
+        let along = c.dot(direction);
+        let wide = bound + width * along.max(0.0) + 1.0;
+        if along < -bound || c.dot(c) - along * along > wide * wide || along > reach + bound || j == own {
             continue;
         }
         let s = &stage.solids[j];
-        let c = s.centre - point;
-        let along = c.dot(direction);
-        if along < -s.bound || along > reach + s.bound {
-            continue;
-        }
-        let wide = s.bound + width * along.max(0.0) + 1.0;
-        if c.dot(c) - along * along > wide * wide {
-            continue;
-        }
         share *= s.lets_through(point, way, width);
         if share < 0.01 {
             return 0.0;
@@ -204,15 +198,13 @@ fn open(stage: &Stage<'_>, own: usize, point: V3, normal: V3) -> f32 {
     const HEIGHTS: [f32; 3] = [22.0, 110.0, 420.0];
     const WEIGHTS: [f32; 3] = [0.30, 0.28, 0.26];
     let mut gaps = HEIGHTS;
-    for (j, s) in stage.solids.iter().enumerate() {
-        if j == own {
+    for (j, (centre, bound)) in stage.spheres.iter().enumerate() {
+        let c = *centre - point;
+        let far = bound + 2.0 * HEIGHTS[2];
+        if c.dot(c) > far * far || j == own {
             continue;
         }
-        let c = s.centre - point;
-        let far = s.bound + 2.0 * HEIGHTS[2];
-        if c.dot(c) > far * far {
-            continue;
-        }
+        let s = &stage.solids[j];
         let (p, n) = (s.local(point), s.local_dir(normal));
         for (gap, height) in gaps.iter_mut().zip(HEIGHTS) {
             *gap = gap.min(s.gap_local(p + n * height));

@@ -92,8 +92,10 @@ pub struct Stage<'a> {
     pub(super) surfaces: Vec<Surface>,
     pub(super) gloss: Vec<f32>,
     pub(super) stamps: Vec<[Vec<Stamp>; FACES]>,
-    /// Which solids cast shadows.
-    pub(super) casters: Vec<usize>,
+    /// Which solids cast shadows, with the spheres around them (side by side: most are only looked at and passed over).
+    pub(super) casters: Vec<(V3, f32, usize)>,
+    /// The spheres around all solids.
+    pub(super) spheres: Vec<(V3, f32)>,
     pub(super) lamps: Vec<CamLamp>,
     pub(super) up: V3,
     pub(super) sky: V3,
@@ -189,16 +191,19 @@ impl<'a> Stage<'a> {
                 at_1m: if on { (b.power * scene.light.laser_to_ambient * reference) as f32 } else { 0.0 },
             }
         });
-        let casters: Vec<usize> = (0..solids.len()).filter(|i| solids[*i].bound < ROOM_BOUND_MM).collect();
+        let spheres: Vec<(V3, f32)> = solids.iter().map(|s| (s.centre, s.bound)).collect();
+        let casters: Vec<(V3, f32, usize)> = spheres
+            .iter()
+            .enumerate()
+            .filter(|(_, s)| s.1 < ROOM_BOUND_MM)
+            .map(|(i, s)| (s.0, s.1, i))
+            .collect();
         let laser_casters = [0, 1, 2, 3].map(|i| {
             let beam = &beams[i];
             casters
                 .iter()
-                .copied()
-                .filter(|j| {
-                    let s = &solids[*j];
-                    ((beam.plane.dot(s.centre) - 1.0) * beam.plane_mm).abs() < s.bound
-                })
+                .filter(|(c, r, _)| ((beam.plane.dot(*c) - 1.0) * beam.plane_mm).abs() < *r)
+                .map(|(.., i)| *i)
                 .collect()
         });
         let up: V3 = (view.cam_from_world * Vector3::z()).into();
@@ -226,6 +231,7 @@ impl<'a> Stage<'a> {
             solids,
             stamps,
             casters,
+            spheres,
             lamps,
             up,
             faces,
@@ -347,10 +353,9 @@ fn tile_lists(
             for (i, (solid, outline)) in solids.iter().zip(outlines).enumerate() {
                 let Some(outline) = outline else { continue };
                 let apart = outline.iter().zip(&span).any(|(a, b)| a[1] < b[0] || a[0] > b[1]);
-                if let (false, Ok(index)) = (apart, u16::try_from(i)) {
-                    if let Some(least) = solid.least_depth(&rays) {
-                        list.push((least, index));
-                    }
+                let least = if apart { None } else { solid.least_depth(&rays) };
+                if let (Some(least), Ok(index)) = (least, u16::try_from(i)) {
+                    list.push((least, index));
                 }
             }
             list.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));

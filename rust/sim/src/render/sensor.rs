@@ -77,22 +77,23 @@ impl Sensor {
     fn develop_small(&self, film: &Film, scale: f32, rng: &mut Rng) -> Vec<u8> {
         let curve = Curve::new(self.shoulder);
         let mut out = Vec::with_capacity(film.light.len() * 3);
-        // Demosaiced neighbours share noise: the mean of n pixels is worse than n independent ones.
-        let noise = self.noise * self.noise * (1.6 / scale).powi(2);
-        let read = (self.read * 1.6 / scale).powi(2);
+        // Demosaiced neighbours share noise: the mean of n pixels is worse than n independent ones. Shot noise is even in
+        // the root of the light, which is also what the curve's table wants.
+        let noise = WHITE_GAIN.map(|g| 0.5 * self.noise * g.sqrt() * 1.6 / scale);
         let gauss = gaussians();
         for row in 0..film.height {
             let falls = Vignette::row(self.vignette, film.width, film.height, row);
             for (column, light) in film.light[row * film.width..][..film.width].iter().enumerate() {
                 let fall = falls.at(column);
-                let bits = rng.bits();
-                let more = rng.bits();
-                let deviates = [bits & 0xFFF, bits >> 12 & 0xFFF, more & 0xFFF];
-                for c in 0..3 {
-                    let x = light[c] * (fall * self.balance[c]);
-                    let sigma = (noise * x * WHITE_GAIN[c] + read).max(0.0).sqrt();
-                    out.push(curve.byte(x + sigma * gauss[deviates[c] as usize]));
-                }
+                let (bits, more) = (rng.bits(), rng.bits());
+                let mut pixel = |x: f32, c: usize, deviate: u32| {
+                    let root =
+                        (x * fall * self.balance[c]).max(0.0).sqrt() + noise[c] * gauss[deviate as usize];
+                    out.push(curve.byte_of_root(root));
+                };
+                pixel(light.x, 0, bits & 0xFFF);
+                pixel(light.y, 1, bits >> 12 & 0xFFF);
+                pixel(light.z, 2, more & 0xFFF);
             }
         }
         out
@@ -220,6 +221,11 @@ impl Curve {
     #[inline]
     fn index(x: f32) -> usize {
         (x.clamp(0.0, 1.0).sqrt() * 4095.0 + 0.5) as usize
+    }
+
+    #[inline]
+    fn byte_of_root(&self, root: f32) -> u8 {
+        self.bytes[(root.clamp(0.0, 1.0) * 4095.0 + 0.5) as usize]
     }
 
     #[inline]

@@ -1,6 +1,6 @@
 //! The colour of a hit: surface and stamps, diffuse light, lamps, gloss, lasers.
 
-use super::laser::{COLOUR, Trace};
+use super::laser::{COLOUR, Spot, Trace};
 use super::lit::{self, Grid, face_id};
 use super::prepare::Stage;
 use crate::solid::{FACES, Hit, face_uv};
@@ -41,7 +41,9 @@ impl Stage<'_> {
         let mut colour = colour * self.exposure;
         // A glossy coat sends part of the laser elsewhere.
         let red = albedo.x.max(0.0) * (1.0 - 0.6 * gloss) * self.exposure;
-        let laser = self.lasers(solid, ray, hit.depth, normal, pixel, traces, red, (1.0 - colour.x).max(0.0));
+        let room = (1.0 - colour.x).max(0.0);
+        let laser =
+            self.lasers(&Spot { own: solid, ray, depth: hit.depth, normal, red, room }, pixel, traces);
         if laser > 0.0 {
             colour += v3(COLOUR[0], COLOUR[1], COLOUR[2]) * (laser * red);
         }
