@@ -65,10 +65,10 @@ pub fn sample(seed: u64, photos: &Photos) -> Result<Sample, Error> {
     let rgb = sensor.develop(&film, raster.scale() as f32, &mut rng);
     let pose = face_of(&scene, &view);
     let labels = labels(&stage, &film, &head, pose.as_ref().map(|p| (p, view.face)));
-    let contrast = labels.contrast.map(|c| (c * 10.0).round() / 10.0);
+    let contrast = labels.contrast.map(|c| (f64::from(c) * 10.0).round() / 10.0);
     let meta = json!({
         "contrast": contrast,
-        "measurable": scene.refuse.is_none(),
+        "measurable": scene.refuse.is_none() && contrast.iter().all(|c| *c > 0.0),
         "refuse": scene.refuse.map(Refuse::word),
         "occluded": occluded,
         "ambient": scene.light.ambient,

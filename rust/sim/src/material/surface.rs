@@ -93,11 +93,12 @@ impl Surface {
                 wood * (tone * (1.0 - 0.7 * joint))
             }
             Pattern::Stone => {
-                let large = t.cloud.grain(x * 0.11, y * 0.11, foot * 0.11);
-                let small = t.cloud.grain(x * 0.9 + 91.0, y * 0.9, foot * 0.9);
-                let grain = t.fibre.grain(x * 0.7, y * 0.7, foot * 0.7);
-                let tone = 1.0 + s * (0.10 * large + 0.06 * small + 0.07 * grain);
-                let stain = (t.cloud.grain(x * 0.045 + 300.0, y * 0.045, foot * 0.045) - 0.7).clamp(0.0, 1.0);
+                let large = t.cloud.grain(x * 0.06, y * 0.06, foot * 0.06);
+                let small = t.cloud.grain(x * 0.55 + 91.0, y * 0.55, foot * 0.55);
+                let grain = t.fibre.grain(x * 0.45, y * 0.45, foot * 0.45);
+                let sand = t.fibre.grain(x * 1.9, y * 1.9 + 37.0, foot * 1.9);
+                let tone = 1.0 + s * (0.045 * large + 0.045 * small + 0.05 * grain + 0.05 * sand);
+                let stain = (t.cloud.grain(x * 0.033 + 300.0, y * 0.033, foot * 0.033) - 1.0).clamp(0.0, 1.0);
                 (self.base + (self.second - self.base) * (0.45 * stain)) * tone
             }
             Pattern::Brick => {
@@ -142,10 +143,11 @@ impl Surface {
 
     fn wood(&self, x: f32, y: f32, foot: f32) -> V3 {
         let t = tiles();
-        let bend = 14.0 * t.cloud.grain(x * 0.25, y * 0.25, foot * 0.25);
-        let grain = t.streak.grain(x * 0.8, (y + bend) * 2.2, foot * 2.2);
-        let broad = t.streak.grain(x * 0.3, (y + bend) * 0.5, foot * 0.5);
-        let mixed = (0.35 + self.strength * (0.22 * grain + 0.2 * broad)).clamp(0.0, 1.0);
+        let bend = 7.0 * t.cloud.grain(x * 0.12, y * 0.2, foot * 0.2);
+        let grain = t.streak.grain(x * 0.8, (y + bend) * 3.1, foot * 3.1);
+        let broad = t.streak.grain(x * 0.3, (y + bend) * 0.7, foot * 0.7);
+        let pore = t.fibre.grain(x * 0.5, y * 3.0, foot * 2.0);
+        let mixed = (0.3 + self.strength * (0.13 * grain + 0.13 * broad + 0.05 * pore)).clamp(0.0, 1.0);
         self.base + (self.second - self.base) * mixed
     }
 }

@@ -44,7 +44,7 @@ pub fn expose_film(stage: &Stage<'_>) -> Film {
                     let colour = stage.shade(&grid, solid, &hit, ray, (column, row), Some(&mut film.traces));
                     (colour, face_id(solid, hit.face), hit.depth)
                 }
-                None => (stage.backdrop * stage.exposure, NOTHING, f32::INFINITY),
+                None => (stage.nothing(ray), NOTHING, f32::INFINITY),
             };
             film.light.push(colour);
             film.ids.push(id);
@@ -90,7 +90,7 @@ fn smooth_edges(stage: &Stage<'_>, grid: &Grid, film: &mut Film, samples: &[[f64
                 let ray = stage.ray(column as f64 + x, row as f64 + y);
                 let colour = match stage.cast(ray, column, row) {
                     Some((solid, hit)) => stage.shade(grid, solid, &hit, ray, (column, row), None),
-                    None => stage.backdrop * stage.exposure,
+                    None => stage.nothing(ray),
                 };
                 // One glint must not outshine the pixel's other parts.
                 sum += clip(colour, 4.0);

@@ -277,6 +277,15 @@ impl<'a> Stage<'a> {
         best
     }
 
+    /// What a ray sees that meets nothing: paler towards the horizon.
+    pub(super) fn nothing(&self, ray: V3) -> V3 {
+        let up = ray.unit().dot(self.up).clamp(0.0, 1.0);
+        let pale = (1.0 - up) * (1.0 - up);
+        let grey = self.backdrop.y;
+        let haze = v3(grey, grey, grey) * 1.1;
+        (self.backdrop * (1.0 - pale) + haze * pale) * self.exposure
+    }
+
     /// Diffuse irradiance on a free surface.
     pub(super) fn ambient(&self, normal: V3) -> V3 {
         let up = 0.5 + 0.5 * normal.dot(self.up);
