@@ -1,5 +1,5 @@
 //! What surfaces look like: [`noise`] tiles, [`surface`] patterns (board, wood, stone), [`ink`] bitmaps (print, labels) and
-//! [`stamp`]s that put them on faces; [`carton`] draws up the look of one box.
+//! [`stamp`]s that put them on faces; [`mod@carton`] draws up the look of one box.
 
 pub mod carton;
 pub mod font;

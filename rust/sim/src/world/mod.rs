@@ -1,6 +1,6 @@
 //! A scene in world coordinates: z up, floor at z = 0, the target box upright about x = y = 0, its front towards -y.
 //!
-//! [`compose`] draws a whole measurement (box, poses, surroundings, light); [`View`] says where the head stands.
+//! [`mod@compose`] draws a whole measurement (box, poses, surroundings, light); [`View`] says where the head stands.
 
 pub mod compose;
 pub mod light;
