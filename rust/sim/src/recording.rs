@@ -10,7 +10,7 @@ use crate::render::{Options, Stage, expose_film};
 use crate::rng::Rng;
 use crate::truth::truth;
 use crate::world::{Plan, Scene, View, compose};
-use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
+use jpeg_encoder::{ChromaSubsamplingMethod, ColorType, Encoder, SamplingFactor};
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -53,6 +53,8 @@ pub fn jpeg(rgb: &[u8], seed: u64) -> Result<Vec<u8>, Error> {
     let mut bytes = Vec::new();
     let mut encoder = Encoder::new(&mut bytes, 85 + rng.below(11) as u8);
     encoder.set_sampling_factor(if rng.chance(0.7) { SamplingFactor::F_2_2 } else { SamplingFactor::F_1_1 });
+    // The encoder's default takes each block's first pixel, which shifts red stripes by half a pixel, as no camera does.
+    encoder.set_chroma_subsampling_method(ChromaSubsamplingMethod::Average);
     let [w, h] = SENSOR_PX.map(|n| n as u16);
     encoder.encode(rgb, w, h, ColorType::Rgb).map_err(|e| Error::new("jpeg", e))?;
     Ok(bytes)

@@ -2,9 +2,10 @@
 
 #![allow(clippy::unwrap_used)] // the helpers of these tests are outside of test functions
 
-use boxline::Px;
+use boxline::{Frame, Px};
 use boxline_sim::head::SENSOR_PX;
 use boxline_sim::labels::CHANNELS;
+use boxline_sim::recording::jpeg;
 use boxline_sim::render::{Film, Options, Stage, expose_film};
 use boxline_sim::stream::{FRAME_PX, header, sample, write_stream};
 use boxline_sim::truth::face_of;
@@ -107,4 +108,35 @@ fn stripe_centroids_lie_on_the_line_of_the_two_planes() {
         assert!(rows > 10, "laser {}: only {rows} clean rows", laser + 1);
     }
     assert!(worst < 0.05, "{worst} px");
+}
+
+/// Halved colour must not shift a red stripe: both samplings are met by some seed, all stay within 0.05 px.
+#[test]
+fn encoding_does_not_shift_a_red_stripe() {
+    let [w, h] = SENSOR_PX.map(|n| n as usize);
+    let middle = |row: usize| 400.3 + row as f64;
+    let mut rgb = vec![90u8; w * h * 3];
+    for row in 0..h {
+        for column in 0..w {
+            let d = (column as f64 - middle(row)) / 3.5;
+            rgb[(row * w + column) * 3] = (90.0 + 120.0 * (-0.5 * d * d).exp()) as u8;
+        }
+    }
+    for seed in 0..6 {
+        let frame = Frame::from_jpeg(&jpeg(&rgb, seed).unwrap()).unwrap();
+        let (mut off, mut rows) = (0.0, 0.0);
+        for row in (100..1500).step_by(10) {
+            let centre = middle(row).round() as usize;
+            let (mut sum, mut weight) = (0.0, 0.0);
+            for column in centre - 14..=centre + 14 {
+                let p = &frame.rgb()[(row * w + column) * 3..][..3];
+                let red = (f64::from(p[0]) - (f64::from(p[1]) + f64::from(p[2])) / 2.0).max(0.0);
+                sum += red * column as f64;
+                weight += red;
+            }
+            off += sum / weight - middle(row);
+            rows += 1.0;
+        }
+        assert!((off / rows).abs() < 0.05, "seed {seed}: {} px", off / rows);
+    }
 }

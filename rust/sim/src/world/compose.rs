@@ -86,7 +86,8 @@ fn attempt(rng: &mut Rng, head: &Head, plan: Plan, photos: &Photos) -> Option<Sc
         look: carton.look,
         role: Role::Target,
     };
-    let light = lighting(rng, centre);
+    let distances = views.iter().map(|v| (v.camera_mm - centre).norm());
+    let light = lighting(rng, centre, distances.fold(f64::INFINITY, f64::min));
     let outdoors = light.ambient == "sun";
     let reach =
         stand.bodies.iter().fold(half.xy().norm(), |r, b| r.max((b.centre.xy() + b.half.xy()).norm()));
@@ -242,7 +243,7 @@ fn expose(rng: &mut Rng, scene: &mut Scene) {
 
 /// A scene without a target: the head looks at the floor, a wall or distant clutter.
 pub fn empty(rng: &mut Rng, photos: &Photos) -> Scene {
-    let light = lighting(rng, Vector3::new(0.0, 0.0, 500.0));
+    let light = lighting(rng, Vector3::new(0.0, 0.0, 500.0), 1000.0);
     let outdoors = light.ambient == "sun";
     let mut bodies = room::shell(rng, outdoors, &[], 800.0, photos);
     bodies.extend(room::clutter(rng, 2200.0, outdoors, photos));

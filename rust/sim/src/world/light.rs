@@ -48,8 +48,9 @@ impl Lighting {
     }
 }
 
-/// Draws the light for a target whose visible faces have these world normals.
-pub fn lighting(rng: &mut Rng, target: Vector3<f64>) -> Lighting {
+/// Draws the light about a target that the head sees from a distance. The lasers' strength is drawn at that distance: a
+/// stripe may drown in the sun or glare, but heads are built so that most are neither.
+pub fn lighting(rng: &mut Rng, target: Vector3<f64>, distance_mm: f64) -> Lighting {
     let ambient = rng.pick(["office", "warehouse", "dim", "mixed", "sun", "office", "warehouse"]);
     let warm = |rng: &mut Rng, strength: f32, warmth: f32| {
         let w = warmth + rng.range_f32(-0.03, 0.03);
@@ -74,7 +75,7 @@ pub fn lighting(rng: &mut Rng, target: Vector3<f64>) -> Lighting {
                 lamps.push(Lamp { at_mm, width, power: warm(rng, s, 0.03) });
             }
             (sky, ground) = (warm(rng, 0.55, 0.02), warm(rng, 0.28, 0.05));
-            (ratio, noise) = (rng.log_range(2.0, 9.0), rng.log_range(0.012, 0.03));
+            (ratio, noise) = (rng.log_range(1.2, 7.0), rng.log_range(0.012, 0.03));
         }
         "warehouse" => {
             for _ in 0..2 {
@@ -83,14 +84,14 @@ pub fn lighting(rng: &mut Rng, target: Vector3<f64>) -> Lighting {
                 lamps.push(Lamp { at_mm, width, power: warm(rng, s, -0.02) });
             }
             (sky, ground) = (warm(rng, 0.4, -0.02), warm(rng, 0.2, 0.02));
-            (ratio, noise) = (rng.log_range(4.0, 15.0), rng.log_range(0.015, 0.035));
+            (ratio, noise) = (rng.log_range(1.5, 9.0), rng.log_range(0.015, 0.035));
         }
         "dim" => {
             let at_mm = place(rng, (1200.0, 5000.0), 4000.0);
             let (width, s) = (rng.range_f32(0.05, 0.3), rng.range_f32(0.3, 1.2));
             lamps.push(Lamp { at_mm, width, power: warm(rng, s, 0.08) });
             (sky, ground) = (warm(rng, 0.35, 0.05), warm(rng, 0.15, 0.06));
-            (ratio, noise) = (rng.log_range(12.0, 40.0), rng.log_range(0.025, 0.06));
+            (ratio, noise) = (rng.log_range(3.0, 14.0), rng.log_range(0.025, 0.06));
         }
         "mixed" => {
             let at_mm = place(rng, (200.0, 900.0), 3500.0); // a window, low
@@ -98,7 +99,7 @@ pub fn lighting(rng: &mut Rng, target: Vector3<f64>) -> Lighting {
             let at_mm = place(rng, (1500.0, 3000.0), 2500.0);
             lamps.push(Lamp { at_mm, width: rng.range_f32(0.05, 0.2), power: warm(rng, 0.4, 0.12) });
             (sky, ground) = (warm(rng, 0.35, 0.0), warm(rng, 0.2, 0.03));
-            (ratio, noise) = (rng.log_range(3.0, 10.0), rng.log_range(0.012, 0.035));
+            (ratio, noise) = (rng.log_range(1.2, 8.0), rng.log_range(0.012, 0.035));
         }
         _ => {
             let turn = rng.range(-2.6, -0.5);
@@ -106,9 +107,17 @@ pub fn lighting(rng: &mut Rng, target: Vector3<f64>) -> Lighting {
             let to = Vector3::new(turn.cos() * high.cos(), turn.sin() * high.cos(), high.sin());
             lamps.push(Lamp { at_mm: target + to * 1e6, width: 0.006, power: warm(rng, 2.2, 0.04) });
             (sky, ground) = (v3(0.5, 0.6, 0.78), warm(rng, 0.3, 0.05));
-            (ratio, noise) = (rng.log_range(0.5, 2.5), rng.log_range(0.006, 0.015));
+            (ratio, noise) = (rng.log_range(0.15, 1.3), rng.log_range(0.006, 0.015));
         }
     }
     let backdrop = if ambient == "sun" { v3(0.75, 0.85, 1.0) } else { sky * 0.15 };
-    Lighting { ambient, lamps, sky, ground, backdrop, laser_to_ambient: ratio, noise }
+    Lighting {
+        ambient,
+        lamps,
+        sky,
+        ground,
+        backdrop,
+        laser_to_ambient: ratio * (distance_mm / 1000.0),
+        noise,
+    }
 }
