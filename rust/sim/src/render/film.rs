@@ -26,7 +26,7 @@ pub struct Film {
 pub fn expose_film(stage: &Stage<'_>) -> Film {
     let (width, height) = (stage.raster.width, stage.raster.height);
     let coarse = stage.raster.scale() > 1.5;
-    let grid = Grid::new(stage, if coarse { 6 } else { 8 });
+    let grid = Grid::new(stage);
     let n = width * height;
     let mut film = Film {
         width,

@@ -7,6 +7,9 @@ use crate::vec3::{V3, v3};
 /// No face.
 pub const NOTHING: u16 = u16::MAX;
 
+/// Pixels between nodes; a power of two, since every pixel divides by it.
+const STEP: usize = 8;
+
 /// How much of the diffuse light and of each lamp arrives.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Lit {
@@ -26,7 +29,7 @@ impl Lit {
 
 /// The coarse grid.
 pub struct Grid {
-    step: usize,
+    coarse: bool,
     across: usize,
     most: f32,
     nodes: Vec<(u16, Lit)>,
@@ -57,17 +60,24 @@ pub fn normal(stage: &Stage<'_>, solid: usize, hit: &Hit) -> V3 {
 }
 
 impl Grid {
-    /// Computes the light at every `step`-th pixel.
+    /// Whether the frame is a small one, in which a rounding is a pixel or two and takes the light of its face.
     #[must_use]
-    pub fn new(stage: &Stage<'_>, step: usize) -> Self {
-        let most = if stage.raster.scale() > 1.5 { 1.5 } else { 0.12 };
-        let across = stage.raster.width.div_ceil(step) + 1;
-        let down = stage.raster.height.div_ceil(step) + 1;
+    pub const fn coarse(&self) -> bool {
+        self.coarse
+    }
+
+    /// Computes the light at every eighth pixel.
+    #[must_use]
+    pub fn new(stage: &Stage<'_>) -> Self {
+        let coarse = stage.raster.scale() > 1.5;
+        let most = if coarse { 0.8 } else { 0.12 };
+        let across = stage.raster.width.div_ceil(STEP) + 1;
+        let down = stage.raster.height.div_ceil(STEP) + 1;
         let mut nodes = Vec::with_capacity(across * down);
         for j in 0..down {
             for i in 0..across {
-                let column = (i * step).min(stage.raster.width - 1);
-                let row = (j * step).min(stage.raster.height - 1);
+                let column = (i * STEP).min(stage.raster.width - 1);
+                let row = (j * STEP).min(stage.raster.height - 1);
                 let ray = stage.ray(column as f64, row as f64);
                 nodes.push(match stage.cast(ray, column, row) {
                     Some((solid, hit)) if !hit.rounded => {
@@ -91,16 +101,16 @@ impl Grid {
                 cell[3] < nodes.len() && cell.iter().all(|n| nodes[*n].0 == nodes[i].0) && spread(cell) < most
             })
             .collect();
-        Self { step, across, most, nodes, even }
+        Self { coarse, across, most, nodes, even }
     }
 
     /// Light at a pixel of a face; `None` where no node of the cell is on that face, or light changes too fast.
     #[inline]
     #[must_use]
     pub fn lit(&self, id: u16, column: usize, row: usize) -> Option<Lit> {
-        let (i, j) = (column / self.step, row / self.step);
-        let inverse = 1.0 / self.step as f32;
-        let (x, y) = ((column - i * self.step) as f32 * inverse, (row - j * self.step) as f32 * inverse);
+        let (i, j) = (column / STEP, row / STEP);
+        let inverse = 1.0 / STEP as f32;
+        let (x, y) = ((column - i * STEP) as f32 * inverse, (row - j * STEP) as f32 * inverse);
         let at = j * self.across + i;
         let (upper, lower) = (&self.nodes[at..at + 2], &self.nodes[at + self.across..at + self.across + 2]);
         let weights = [(1.0 - x) * (1.0 - y), x * (1.0 - y), (1.0 - x) * y, x * y];
@@ -127,12 +137,27 @@ impl Grid {
                 sum.shine += lit.shine * w;
             }
         }
+        if total <= 0.0 && self.coarse {
+            return self.nearby(id, i, j);
+        }
         // The border of a shadow runs through this cell: interpolation would show the grid.
         if total <= 0.0 || high - low > self.most {
             return None;
         }
         let s = 1.0 / total;
         Some(Lit { open: sum.open * s, lamps: sum.lamps * s, shine: sum.shine * s })
+    }
+}
+
+impl Grid {
+    /// In small frames a thin face may lie between the nodes of its cell: one of the twelve around will do.
+    #[cold]
+    fn nearby(&self, id: u16, i: usize, j: usize) -> Option<Lit> {
+        let down = self.nodes.len() / self.across;
+        let rows = j.saturating_sub(1)..(j + 3).min(down);
+        rows.flat_map(|y| (i.saturating_sub(1)..(i + 3).min(self.across)).map(move |x| y * self.across + x))
+            .find(|at| self.nodes[*at].0 == id)
+            .map(|at| self.nodes[at].1)
     }
 }
 
@@ -205,7 +230,11 @@ fn open(stage: &Stage<'_>, own: usize, point: V3, normal: V3) -> f32 {
             continue;
         }
         let s = &stage.solids[j];
-        let (p, n) = (s.local(point), s.local_dir(normal));
+        let p = s.local(point);
+        if s.gap_local(p) > 2.0 * HEIGHTS[2] {
+            continue; // a far wall: its sphere is everywhere
+        }
+        let n = s.local_dir(normal);
         for (gap, height) in gaps.iter_mut().zip(HEIGHTS) {
             *gap = gap.min(s.gap_local(p + n * height));
         }

@@ -27,7 +27,11 @@ impl Stage<'_> {
             }
         };
         let exact = || lit::at(self, solid, ray, hit.depth, normal);
-        let light = if hit.rounded { exact() } else { grid.lit(id, pixel.0, pixel.1).unwrap_or_else(exact) };
+        let light = if hit.rounded && !grid.coarse() {
+            exact()
+        } else {
+            grid.lit(id, pixel.0, pixel.1).unwrap_or_else(exact)
+        };
         let (u, v) = face_uv(hit.face, hit.local);
         // A pixel covers more of a face seen at a slant; between its long and its short side.
         let foot = self.cell_per_mm * hit.depth * face.stretch;
