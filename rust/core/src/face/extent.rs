@@ -221,13 +221,6 @@ fn centres(
         .map(move |f| StripeObservation { laser, at: f.at, sigma_px: f.sigma_px })
 }
 
-fn along(line: &StripeLine, px: Px) -> f64 {
-    match line.walk {
-        Walk::Rows => px.v,
-        Walk::Columns => px.u,
-    }
-}
-
 fn inner_segment(
     calibration: &Calibration,
     plane: &Plane<Cam>,
@@ -236,8 +229,8 @@ fn inner_segment(
     let line = StripeLine::new(calibration, id, plane);
     let [i, j] = crossing_lasers(id);
     let (a, b) = (crossing_px(calibration, plane, id, i)?, crossing_px(calibration, plane, id, j)?);
-    let (first, last) = if along(&line, a) <= along(&line, b) { (a, b) } else { (b, a) };
-    Some((line, along(&line, first)..along(&line, last), first))
+    let (first, last) = if line.walk.along(a) <= line.walk.along(b) { (a, b) } else { (b, a) };
+    Some((line, line.walk.along(first)..line.walk.along(last), first))
 }
 
 /// Rows per profile so that the median place reaches the wanted signal to noise.
@@ -271,10 +264,7 @@ fn follow(
         Walk::Rows => frame.height_px(),
         Walk::Columns => frame.width_px(),
     } as f64;
-    let other = match line.walk {
-        Walk::Rows => first.u,
-        Walk::Columns => first.v,
-    };
+    let other = line.walk.across(first);
     let reach = pass.reach * (inner.end - inner.start);
     let range = (inner.start - reach).max(0.0)..(inner.end + reach).min(size);
     let start = line.px_at(calibration, range.start, other)?.0;
@@ -326,10 +316,7 @@ fn follow(
             }
             None => (points[inside].along_px, true),
         };
-        let guess = match line.walk {
-            Walk::Rows => points[inside].predicted.u,
-            Walk::Columns => points[inside].predicted.v,
-        };
+        let guess = line.walk.across(points[inside].predicted);
         let px = line.px_at(calibration, at, guess).map_or(points[inside].predicted, |(px, _)| px);
         StripeEnd { at: px, uncertainty_px: spacing, at_border }
     };

@@ -183,7 +183,7 @@ fn collect(
         return None;
     }
     let range = if to > from { from..from + FOLLOW_PX } else { from - FOLLOW_PX..from };
-    let start = line.px_at(calibration, range.start.max(0.0), other_of(&line, end))?.0;
+    let start = line.px_at(calibration, range.start.max(0.0), line.walk.across(end))?.0;
     let settings = TraceSettings {
         rows: 4,
         search_px: 8.0,
@@ -211,13 +211,6 @@ fn collect(
         samples.push(Sample { outwards_mm, depth_mm, sigma_mm: sigma_mm.max(1e-3) });
     }
     Some(())
-}
-
-fn other_of(line: &StripeLine, px: Px) -> f64 {
-    match line.walk {
-        Walk::Rows => px.u,
-        Walk::Columns => px.v,
-    }
 }
 
 /// Place of the surface at the face's depth: a robust line over the depth with a prior on its slope (squareness).

@@ -68,6 +68,24 @@ pub(crate) enum Walk {
     Columns,
 }
 
+impl Walk {
+    /// The coordinate along the walk.
+    pub fn along(self, px: Px) -> f64 {
+        match self {
+            Self::Rows => px.v,
+            Self::Columns => px.u,
+        }
+    }
+
+    /// The coordinate across the walk.
+    pub fn across(self, px: Px) -> f64 {
+        match self {
+            Self::Rows => px.u,
+            Self::Columns => px.v,
+        }
+    }
+}
+
 /// The line of laser `id` on a plane: coefficients `q - p` of the ideal image, and how it is walked.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct StripeLine {
