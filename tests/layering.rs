@@ -6,13 +6,14 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// The modules of `rust/core/src`, lowest first. A new module gets its line here.
-const MODULES: [&str; 16] = [
+const MODULES: [&str; 17] = [
     "units",
     "error",
     "frames",
     "reject",
     "measurement",
     "image",
+    "network",
     "camera",
     "calibration",
     "optim",

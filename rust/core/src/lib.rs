@@ -16,6 +16,7 @@ mod face;
 pub mod frames;
 pub mod image;
 pub mod measurement;
+pub mod network;
 pub mod pipeline;
 mod rectangle;
 pub mod reject;
@@ -30,6 +31,7 @@ pub use measurement::{
     BoxMeasurement, BoxReport, EdgeMethod, FaceMeasurement, FaceOutcome, Method, Outcome, Settings,
     StageTimes,
 };
+pub use network::{Channel, FaceMaps, Network};
 pub use pipeline::{measure_box, measure_face};
 pub use reject::Reject;
 pub use units::{Estimate, LaserId, Px, Volume};

@@ -1,0 +1,159 @@
+//! What an edge network says of a frame: nine maps on a small raster that covers it. The network itself lives in another
+//! crate (`boxline-edgenet`), which implements [`Network`]; core only asks *where* to look, never *how exactly*.
+
+use crate::error::Error;
+use crate::image::Frame;
+use crate::units::{LaserId, Px};
+
+/// Number of maps.
+pub const CHANNELS: usize = 9;
+
+/// One of the maps, in the order in which a network gives them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Channel {
+    /// A laser's stripe on the face that is measured; it ends at the face's edges.
+    Laser(LaserId),
+    /// Laser light on anything else.
+    Spill,
+    /// Edges of the face.
+    FaceEdge,
+    /// Edges of other faces and other boxes.
+    OtherEdge,
+    /// The face itself.
+    FaceMask,
+    /// Corners of the face.
+    Corner,
+}
+
+impl Channel {
+    /// All channels in order.
+    pub const ALL: [Self; CHANNELS] = [
+        Self::Laser(LaserId::ALL[0]),
+        Self::Laser(LaserId::ALL[1]),
+        Self::Laser(LaserId::ALL[2]),
+        Self::Laser(LaserId::ALL[3]),
+        Self::Spill,
+        Self::FaceEdge,
+        Self::OtherEdge,
+        Self::FaceMask,
+        Self::Corner,
+    ];
+
+    /// Its place in the order.
+    #[must_use]
+    pub const fn index(self) -> usize {
+        match self {
+            Self::Laser(id) => id.index(),
+            Self::Spill => 4,
+            Self::FaceEdge => 5,
+            Self::OtherEdge => 6,
+            Self::FaceMask => 7,
+            Self::Corner => 8,
+        }
+    }
+}
+
+/// Probabilities (0..1) per channel on a raster that covers a frame; asked in the frame's pixels.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FaceMaps {
+    width: usize,
+    height: usize,
+    /// Raster px per frame px, across and down.
+    scale: [f64; 2],
+    values: Vec<f32>,
+}
+
+impl FaceMaps {
+    /// Maps of `width` x `height` that cover a frame of `frame_px`; `values` holds one channel after the other, rows top to
+    /// bottom. `None` if the sizes do not fit or are 0.
+    #[must_use]
+    pub fn new(width: usize, height: usize, frame_px: [usize; 2], values: Vec<f32>) -> Option<Self> {
+        let fits = width > 1 && height > 1 && frame_px[0] > 0 && frame_px[1] > 0;
+        (fits && values.len() == CHANNELS * width * height).then(|| Self {
+            width,
+            height,
+            scale: [width as f64 / frame_px[0] as f64, height as f64 / frame_px[1] as f64],
+            values,
+        })
+    }
+
+    /// Columns and rows of the raster.
+    #[must_use]
+    pub const fn size(&self) -> [usize; 2] {
+        [self.width, self.height]
+    }
+
+    /// One channel, rows top to bottom.
+    #[must_use]
+    pub fn channel(&self, channel: Channel) -> &[f32] {
+        let n = self.width * self.height;
+        &self.values[channel.index() * n..][..n]
+    }
+
+    /// A frame position on the raster; pixel centres are at integers on both.
+    #[must_use]
+    pub fn raster_from_px(&self, at: Px) -> [f64; 2] {
+        [(at.u + 0.5) * self.scale[0] - 0.5, (at.v + 0.5) * self.scale[1] - 0.5]
+    }
+
+    /// The inverse of [`Self::raster_from_px`].
+    #[must_use]
+    pub fn px_from_raster(&self, x: f64, y: f64) -> Px {
+        Px::new((x + 0.5) / self.scale[0] - 0.5, (y + 0.5) / self.scale[1] - 0.5)
+    }
+
+    /// Frame pixels per raster pixel (the mean of both directions).
+    #[must_use]
+    pub fn px_per_raster_px(&self) -> f64 {
+        2.0 / (self.scale[0] + self.scale[1])
+    }
+
+    /// A channel's value at a frame position, bilinear; the border's value outside.
+    #[must_use]
+    pub fn at(&self, channel: Channel, at: Px) -> f32 {
+        let [x, y] = self.raster_from_px(at);
+        let clamped = |v: f64, n: usize| if v.is_finite() { v.clamp(0.0, (n - 1) as f64) } else { 0.0 };
+        let (x, y) = (clamped(x, self.width), clamped(y, self.height));
+        let (i, j) = ((x as usize).min(self.width - 2), (y as usize).min(self.height - 2));
+        let (fx, fy) = ((x - i as f64) as f32, (y - j as f64) as f32);
+        let map = self.channel(channel);
+        let row = |j: usize| map[j * self.width + i] * (1.0 - fx) + map[j * self.width + i + 1] * fx;
+        row(j) * (1.0 - fy) + row(j + 1) * fy
+    }
+}
+
+/// Finds stripes and edges in a frame, roughly (to about 2 px of a 512 px wide picture).
+pub trait Network: Send + Sync {
+    /// The maps of a frame.
+    ///
+    /// # Errors
+    /// The runtime fails; never because of what the frame shows.
+    fn maps(&self, frame: &Frame) -> Result<FaceMaps, Error>;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn positions_go_there_and_back_and_values_are_found() {
+        let mut values = vec![0.0; CHANNELS * 8 * 6];
+        values[Channel::FaceEdge.index() * 48 + 2 * 8 + 3] = 1.0;
+        let maps = FaceMaps::new(8, 6, [80, 60], values).expect("sizes fit");
+        let px = maps.px_from_raster(3.0, 2.0);
+        assert_eq!(maps.raster_from_px(px), [3.0, 2.0]);
+        assert_eq!((px.u, px.v), (34.5, 24.5));
+        assert!((maps.at(Channel::FaceEdge, px) - 1.0).abs() < 1e-6);
+        assert!((maps.at(Channel::FaceEdge, Px::new(px.u + 5.0, px.v)) - 0.5).abs() < 1e-6);
+        for outside in [Px::new(-1e9, 3.0), Px::new(f64::NAN, f64::INFINITY), Px::new(1e300, -1e300)] {
+            assert_eq!(maps.at(Channel::FaceEdge, outside), 0.0);
+        }
+    }
+
+    #[test]
+    fn sizes_that_do_not_fit_are_refused() {
+        assert!(FaceMaps::new(8, 6, [80, 60], vec![0.0; 9 * 47]).is_none());
+        assert!(FaceMaps::new(1, 6, [80, 60], vec![0.0; 54]).is_none());
+        assert!(FaceMaps::new(8, 6, [0, 60], vec![0.0; 9 * 48]).is_none());
+    }
+}
