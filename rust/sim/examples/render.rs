@@ -2,14 +2,14 @@
 //! `--kind box|faces|refuse` (box), `--frames N` per folder for the latter two, `--off` adds frames with lasers off,
 //! `--photos DIR` takes textures from there.
 
-use boxline_sim::Photos;
 use boxline_sim::recording::{Kind, write_recording};
+use boxline_sim::{Split, Stock};
 use std::path::PathBuf;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let (mut seed, mut count, mut frames) = (1u64, 1u64, 4usize);
     let (mut out, mut kind, mut off) = (PathBuf::from("rendered"), "box".to_owned(), false);
-    let mut photos = Photos::default();
+    let mut photos = Stock::default();
     let mut args = std::env::args().skip(1);
     while let Some(key) = args.next() {
         if key == "--off" {
@@ -23,7 +23,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             "--frames" => frames = value.parse()?,
             "--out" => out = PathBuf::from(value),
             "--kind" => kind = value,
-            "--photos" => photos = Photos::from_folder(&PathBuf::from(value))?,
+            "--photos" => photos = Stock::with_photos(Split::Training, &PathBuf::from(value))?,
             _ => return Err(format!("{key} is not known").into()),
         }
     }

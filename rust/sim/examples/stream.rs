@@ -1,13 +1,13 @@
 //! Labelled frames to standard output or, with `--time`, only their speed:
 //! `cargo run --release -p boxline-sim --example stream -- --seed 1 --count 200 --time`.
 
-use boxline_sim::Photos;
 use boxline_sim::stream::{sample, write_stream};
+use boxline_sim::{Split, Stock};
 use std::path::PathBuf;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let (mut seed, mut count, mut time) = (1u64, None, false);
-    let mut photos = Photos::default();
+    let mut photos = Stock::default();
     let mut args = std::env::args().skip(1);
     while let Some(key) = args.next() {
         match key.as_str() {
@@ -16,7 +16,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             "--count" => count = Some(args.next().ok_or("--count needs a value")?.parse()?),
             "--photos" => {
                 let folder = PathBuf::from(args.next().ok_or("--photos needs a value")?);
-                photos = Photos::from_folder(&folder)?;
+                photos = Stock::with_photos(Split::Training, &folder)?;
             }
             _ => return Err(format!("{key} is not known").into()),
         }

@@ -1,7 +1,7 @@
 //! Renders frames of boxes under the head's four lasers, with exact truth beside the pixels.
 //!
-//! One direction: [`rng`] → [`head`] (a calibration and its beams) → [`pose`] (where the head may stand) → [`world`] (boxes,
-//! stands, rooms, light) → [`render`] (film, then sensor) → [`truth`] and [`labels`] → [`recording`] and [`stream`].
+//! One direction: [`rng`] → [`head`] (a calibration and its beams) → [`pose`] (where the head may stand) → [`stock`] (materials
+//! of the training or the held-out split) → [`world`] (boxes, stands, rooms, light) → [`render`] (film, then sensor) → [`truth`] and [`labels`] → [`recording`] and [`stream`].
 //! Everything follows from a seed: the same seed gives the same bytes. Positions are mm; the raster is core's
 //! (pixel centres at integers). Nothing here is part of the measuring program's results.
 #![forbid(unsafe_code)]
@@ -17,6 +17,7 @@ pub mod recording;
 pub mod render;
 pub mod rng;
 pub mod solid;
+pub mod stock;
 pub mod stream;
 pub mod truth;
 pub mod vec3;
@@ -27,3 +28,4 @@ pub use head::Head;
 pub use photos::Photos;
 pub use raster::Raster;
 pub use rng::Rng;
+pub use stock::{Split, Stock};

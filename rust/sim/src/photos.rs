@@ -10,6 +10,8 @@ const MOST_PX: usize = 1024;
 /// A photograph: linear light in 8 bits of square root, rows top to bottom.
 #[derive(Clone, Debug)]
 pub struct Photo {
+    /// The file's name.
+    pub name: String,
     /// Columns.
     pub width: usize,
     /// Rows.
@@ -26,11 +28,12 @@ pub struct Photos {
 }
 
 impl Photos {
-    /// Reads every JPEG under a folder (no deeper). Files that core cannot decode are passed over: textures are no input.
+    /// Reads the JPEGs of a folder (no deeper) whose names are wanted. Files that core cannot decode are passed over: textures
+    /// are no input.
     ///
     /// # Errors
     /// The folder cannot be read.
-    pub fn from_folder(folder: &Path) -> Result<Self, Error> {
+    pub fn from_folder(folder: &Path, wanted: impl Fn(&str) -> bool) -> Result<Self, Error> {
         let entries = std::fs::read_dir(folder).map_err(|e| Error::file(folder, e))?;
         let mut paths: Vec<_> = entries.filter_map(|e| e.ok().map(|e| e.path())).collect();
         paths.sort();
@@ -39,9 +42,13 @@ impl Photos {
         };
         let mut all = Vec::new();
         for path in paths.iter().filter(|p| is_jpeg(p)) {
+            let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            if !wanted(&name) {
+                continue;
+            }
             let bytes = std::fs::read(path).map_err(|e| Error::file(path, e))?;
             if let Ok(frame) = Frame::from_jpeg(&bytes) {
-                all.push(shrink(&frame));
+                all.push(shrink(&frame, name));
             }
         }
         Ok(Self { all })
@@ -49,7 +56,7 @@ impl Photos {
 }
 
 /// Averages over whole blocks until the longest side fits.
-fn shrink(frame: &Frame) -> Photo {
+fn shrink(frame: &Frame, name: String) -> Photo {
     let step = frame.width_px().max(frame.height_px()).div_ceil(MOST_PX);
     let (width, height) = ((frame.width_px() / step).max(1), (frame.height_px() / step).max(1));
     let mut rgb = Vec::with_capacity(width * height);
@@ -69,5 +76,5 @@ fn shrink(frame: &Frame) -> Photo {
             rgb.push(sum.map(|s| (s / n.max(1)) as u8));
         }
     }
-    Photo { width, height, rgb }
+    Photo { name, width, height, rgb }
 }

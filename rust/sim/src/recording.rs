@@ -2,12 +2,12 @@
 
 use crate::error::Error;
 use crate::head::{Head, SENSOR_PX};
-use crate::photos::Photos;
 use crate::pose::Refuse;
 use crate::raster::Raster;
 use crate::render::sensor::Sensor;
 use crate::render::{Options, Stage, expose_film};
 use crate::rng::Rng;
+use crate::stock::Stock;
 use crate::truth::truth;
 use crate::world::{Plan, Scene, View, compose};
 use jpeg_encoder::{ChromaSubsamplingMethod, ColorType, Encoder, SamplingFactor};
@@ -33,14 +33,14 @@ pub fn full_frame(
     view: &View,
     lasers: bool,
     seed: u64,
-    photos: &Photos,
+    stock: &Stock,
 ) -> Vec<u8> {
     // What belongs to the view (lens, motion, balance) is the same with lasers off; noise and speckle are not.
     let mut of_view = Rng::new(seed, 0x5E45);
     let sensor = Sensor::random(&mut of_view, scene.light.noise);
     let mut of_frame = Rng::new(seed, 0xF0A0 + u64::from(lasers));
     let options = Options { lasers, speckle: true, seed: u64::from(of_frame.bits()) };
-    let stage = Stage::new(scene, view, head, Raster::full(SENSOR_PX), photos, options);
+    let stage = Stage::new(scene, view, head, Raster::full(SENSOR_PX), &stock.photos, options);
     sensor.develop(&expose_film(&stage), 1.0, &mut of_frame)
 }
 
@@ -69,16 +69,16 @@ pub fn write_recording(
     seed: u64,
     kind: Kind,
     with_off: bool,
-    photos: &Photos,
+    stock: &Stock,
 ) -> Result<(), Error> {
     std::fs::create_dir_all(folder).map_err(|e| Error::file(folder, e))?;
     let head = Head::random(&mut Rng::new(seed, 1))?;
     let mut rng = Rng::new(seed, 2);
     let mut scenes = Vec::new();
     match kind {
-        Kind::Box => scenes.push(compose(&mut rng, &head, Plan::Box, photos)),
+        Kind::Box => scenes.push(compose(&mut rng, &head, Plan::Box, stock)),
         Kind::Faces(n) => {
-            scenes.extend((0..n).map(|_| compose(&mut rng.child(), &head, Plan::Face, photos)));
+            scenes.extend((0..n).map(|_| compose(&mut rng.child(), &head, Plan::Face, stock)));
         }
         Kind::Refuse(n) => {
             const REASONS: [Refuse; 4] =
@@ -86,7 +86,7 @@ pub fn write_recording(
             let first = rng.below(4);
             scenes.extend(
                 (0..n).map(|i| {
-                    compose(&mut rng.child(), &head, Plan::Refused(REASONS[(first + i) % 4]), photos)
+                    compose(&mut rng.child(), &head, Plan::Refused(REASONS[(first + i) % 4]), stock)
                 }),
             );
         }
@@ -110,7 +110,7 @@ pub fn write_recording(
                 continue;
             }
             let name = if lasers { id.clone() } else { format!("{id}_off") };
-            let rgb = full_frame(&head, scene, view, lasers, frame_seed, photos);
+            let rgb = full_frame(&head, scene, view, lasers, frame_seed, stock);
             write(&folder.join(format!("{name}.jpg")), &jpeg(&rgb, frame_seed)?)?;
             let laser = if lasers { "on" } else { "off" };
             frames.push(json!({"id": name, "file": format!("{name}.jpg"), "role": "face", "laser": laser}));
@@ -125,7 +125,7 @@ pub fn write_recording(
     });
     write_json(&folder.join("recording.json"), &recording)?;
     write_json(&folder.join("calibration.json"), &head.calibration_json())?;
-    write_json(&folder.join("truth.json"), &truth(&head, &truths, kind == Kind::Box))
+    write_json(&folder.join("truth.json"), &truth(&head, &truths, kind == Kind::Box, stock))
 }
 
 fn write_json(path: &Path, value: &Value) -> Result<(), Error> {

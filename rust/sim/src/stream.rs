@@ -6,12 +6,12 @@
 use crate::error::Error;
 use crate::head::{Head, SENSOR_PX};
 use crate::labels::{CHANNELS, labels};
-use crate::photos::Photos;
 use crate::pose::Refuse;
 use crate::raster::Raster;
 use crate::render::sensor::Sensor;
 use crate::render::{Options, Stage, expose_film};
 use crate::rng::Rng;
+use crate::stock::Stock;
 use crate::truth::face_of;
 use crate::world::{Plan, compose, occlude};
 use serde_json::json;
@@ -33,11 +33,11 @@ pub struct Sample {
     pub labels: Vec<u8>,
 }
 
-/// Renders the frame of a seed.
+/// Renders the frame of a seed with materials of the stock's split.
 ///
 /// # Errors
 /// None in practice: core would have to refuse fifty heads in a row.
-pub fn sample(seed: u64, photos: &Photos) -> Result<Sample, Error> {
+pub fn sample(seed: u64, stock: &Stock) -> Result<Sample, Error> {
     let head = Head::random(&mut Rng::new(seed, 11))?;
     let mut rng = Rng::new(seed, 12);
     let plan = match rng.unit() {
@@ -47,7 +47,7 @@ pub fn sample(seed: u64, photos: &Photos) -> Result<Sample, Error> {
         x if x < 0.96 => Plan::Refused(Refuse::NoBox),
         _ => Plan::Refused(Refuse::LaserDead),
     };
-    let mut scene = compose(&mut rng, &head, plan, photos);
+    let mut scene = compose(&mut rng, &head, plan, stock);
     // Training needs faint stripes too, down to those that nobody sees.
     if rng.chance(0.35) {
         scene.light.laser_to_ambient *= rng.log_range(0.08, 1.0);
@@ -59,7 +59,7 @@ pub fn sample(seed: u64, photos: &Photos) -> Result<Sample, Error> {
     }
     let raster = Raster::covering(SENSOR_PX, FRAME_PX[0], FRAME_PX[1]);
     let options = Options { lasers: true, speckle: true, seed: u64::from(rng.bits()) };
-    let stage = Stage::new(&scene, &view, &head, raster, photos, options);
+    let stage = Stage::new(&scene, &view, &head, raster, &stock.photos, options);
     let film = expose_film(&stage);
     let sensor = Sensor::random(&mut rng, scene.light.noise);
     let rgb = sensor.develop(&film, raster.scale() as f32, &mut rng);
@@ -75,6 +75,8 @@ pub fn sample(seed: u64, photos: &Photos) -> Result<Sample, Error> {
         "base": scene.words.base,
         "stand": scene.words.stand,
         "size_mm": pose.map(|p| p.size_mm()),
+        "split": stock.split.word(),
+        "materials": scene.materials(stock),
         "distance_mm": pose.map(|p| p.centre.norm().round()),
     });
     Ok(Sample { seed, meta: meta.to_string(), rgb, labels: labels.bytes })
@@ -114,7 +116,7 @@ pub fn write_stream(
     out: &mut impl Write,
     first: u64,
     count: Option<u64>,
-    photos: &Photos,
+    stock: &Stock,
 ) -> Result<(), Error> {
     let wrote = |result: std::io::Result<()>| match result {
         Err(e) if e.kind() == std::io::ErrorKind::BrokenPipe => Ok(false),
@@ -124,7 +126,7 @@ pub fn write_stream(
     let mut going = wrote(out.write_all(header().as_bytes()))?;
     let mut seed = first;
     while going && count.is_none_or(|n| seed - first < n) {
-        going = wrote(write_sample(out, &sample(seed, photos)?))?;
+        going = wrote(write_sample(out, &sample(seed, stock)?))?;
         seed += 1;
     }
     Ok(())

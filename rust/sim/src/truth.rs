@@ -2,6 +2,7 @@
 
 use crate::head::Head;
 use crate::pose::{Along, FacePose, px_of};
+use crate::stock::Stock;
 use crate::world::{Scene, View};
 use serde_json::{Map, Value, json};
 
@@ -77,9 +78,13 @@ pub fn face_truth(head: &Head, scene: &Scene, view: &View, id: &str) -> Value {
 
 /// The whole `truth.json`.
 #[must_use]
-pub fn truth(head: &Head, scenes: &[(&Scene, &View, String)], whole_box: bool) -> Value {
-    let faces: Vec<Value> =
-        scenes.iter().map(|(scene, view, id)| face_truth(head, scene, view, id)).collect();
+pub fn truth(head: &Head, scenes: &[(&Scene, &View, String)], whole_box: bool, stock: &Stock) -> Value {
+    let face = |(scene, view, id): &(&Scene, &View, String)| {
+        let mut truth = face_truth(head, scene, view, id);
+        truth["notes"]["materials"] = json!(scene.materials(stock));
+        truth
+    };
+    let faces: Vec<Value> = scenes.iter().map(face).collect();
     let sizes = scenes.first().filter(|_| whole_box).and_then(|(scene, ..)| {
         let target = &scene.bodies[scene.target?];
         let mut sides: Vec<f64> = (target.half * 2.0).iter().map(|s| round(*s, 4)).collect();

@@ -5,25 +5,78 @@
 use boxline::{Frame, Px};
 use boxline_sim::head::SENSOR_PX;
 use boxline_sim::labels::CHANNELS;
+use boxline_sim::material::kinds::words;
+use boxline_sim::pose::Refuse;
 use boxline_sim::recording::jpeg;
 use boxline_sim::render::{Film, Options, Stage, expose_film};
 use boxline_sim::stream::{FRAME_PX, header, sample, write_stream};
 use boxline_sim::truth::face_of;
 use boxline_sim::world::{Plan, Scene, compose};
-use boxline_sim::{Head, Photos, Raster, Rng};
+use boxline_sim::{Head, Raster, Rng, Split, Stock};
 
 #[test]
 fn a_seed_gives_the_same_frame_and_another_seed_another() {
-    let photos = Photos::default();
-    let first = sample(77, &photos).unwrap();
-    assert_eq!(first, sample(77, &photos).unwrap());
-    assert_ne!(first.rgb, sample(78, &photos).unwrap().rgb);
+    let stock = Stock::default();
+    let first = sample(77, &stock).unwrap();
+    assert_eq!(first, sample(77, &stock).unwrap());
+    assert_ne!(first.rgb, sample(78, &stock).unwrap().rgb);
+}
+
+/// What a network is tested on must be new to it: no frame for training has a material of the other split, and the other
+/// way round. Words are those of the whole scene, also of what the frame does not show.
+#[test]
+fn splits_share_no_material() {
+    let common = ["paint", "photograph", "red line", "seam"];
+    for (split, other) in [(Split::Training, Split::HeldOut), (Split::HeldOut, Split::Training)] {
+        let stock = Stock::new(split);
+        let mut met = std::collections::BTreeSet::new();
+        for seed in 0..400 {
+            let mut rng = Rng::new(seed, 40);
+            let head = Head::random(&mut rng).unwrap();
+            let plan = if seed % 8 == 0 { Plan::Refused(Refuse::NoBox) } else { Plan::Face };
+            let scene = compose(&mut rng, &head, plan, &stock);
+            met.extend(scene.materials(&stock).into_iter().map(str::to_owned));
+        }
+        let own = words(split);
+        for word in &met {
+            assert!(own.contains(&word.as_str()) || common.contains(&word.as_str()), "{split:?}: {word}");
+            assert!(!words(other).contains(&word.as_str()));
+        }
+        // And every kind is met, so that the lists are not longer than what is drawn.
+        assert!(own.iter().all(|w| met.contains(*w)), "{split:?}: only {met:?}");
+    }
+}
+
+/// Photographs go to one split by their names.
+#[test]
+fn a_folder_of_photographs_is_divided_by_name() {
+    let folder = std::env::temp_dir().join(format!("boxline-photos-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let [w, h] = SENSOR_PX.map(|n| n as usize);
+    let picture = jpeg(&vec![90u8; w * h * 3], 1).unwrap();
+    let names: Vec<String> = (0..12).map(|i| format!("p{i}.jpg")).collect();
+    for name in &names {
+        std::fs::write(folder.join(name), &picture).unwrap();
+    }
+    let read = |split| Stock::with_photos(split, &folder).map(|s| s.photos.all);
+    let mut all = Vec::new();
+    for split in [Split::Training, Split::HeldOut] {
+        let photos = read(split).unwrap();
+        assert!(photos.iter().all(|p| Split::of_photo(&p.name) == split && p.width <= 1024));
+        all.extend(photos.into_iter().map(|p| p.name));
+    }
+    all.sort_unstable();
+    let mut expected = names;
+    expected.sort_unstable();
+    assert_eq!(all, expected);
+    std::fs::remove_dir_all(&folder).unwrap();
+    assert!(read(Split::Training).is_err());
 }
 
 #[test]
 fn a_stream_is_what_its_header_says() {
     let mut bytes = Vec::new();
-    write_stream(&mut bytes, 5, Some(2), &Photos::default()).unwrap();
+    write_stream(&mut bytes, 5, Some(2), &Stock::default()).unwrap();
     assert_eq!(header().len(), 128);
     assert!(bytes.starts_with(header().as_bytes()));
     let mut at = 128;
@@ -41,7 +94,7 @@ fn a_stream_is_what_its_header_says() {
 /// A measurable face, bare and without bulge, of a head of its own.
 fn flat_scene() -> (Head, Scene) {
     let head = Head::random(&mut Rng::new(30, 1)).unwrap();
-    let mut scene = compose(&mut Rng::new(30, 2), &head, Plan::Face, &Photos::default());
+    let mut scene = compose(&mut Rng::new(30, 2), &head, Plan::Face, &Stock::default());
     let target = &mut scene.bodies[scene.target.unwrap()];
     target.bulge_mm = [0.0; 6];
     target.look.decals.clear();
@@ -51,8 +104,8 @@ fn flat_scene() -> (Head, Scene) {
 
 fn film(head: &Head, scene: &Scene, lasers: bool) -> Film {
     let options = Options { lasers, speckle: false, seed: 0 };
-    let photos = Photos::default();
-    expose_film(&Stage::new(scene, &scene.views[0], head, Raster::full(SENSOR_PX), &photos, options))
+    let stock = Stock::default();
+    expose_film(&Stage::new(scene, &scene.views[0], head, Raster::full(SENSOR_PX), &stock.photos, options))
 }
 
 /// The stripe of laser k on a face q . X = 1 is the line (q - p_k) . x = 0 of the ideal image: the light's centroid along

@@ -7,7 +7,7 @@ use boxline_sim::head::SENSOR_PX;
 use boxline_sim::render::{Options, Stage};
 use boxline_sim::truth::{face_of, face_truth};
 use boxline_sim::world::{Plan, compose};
-use boxline_sim::{Head, Photos, Raster, Rng};
+use boxline_sim::{Head, Raster, Rng, Stock};
 
 const CAMERA: CameraModel =
     CameraModel { fx: 2431.5, fy: 2440.25, skew: 0.0, cx: 1301.25, cy: 968.5, k1: -0.0412, k2: 0.2875 };
@@ -34,15 +34,16 @@ fn projections_agree_with_opencv() {
 #[test]
 fn truth_corners_are_where_the_rays_go() {
     let head = Head::random(&mut Rng::new(4, 1)).unwrap();
-    let photos = Photos::default();
-    let scene = compose(&mut Rng::new(4, 2), &head, Plan::Box, &photos);
+    let stock = Stock::default();
+    let scene = compose(&mut Rng::new(4, 2), &head, Plan::Box, &stock);
     assert_eq!(scene.views.len(), 2);
     for view in &scene.views {
         let truth = face_truth(&head, &scene, view, "a");
         let numbers = |key: &str, i: usize| -> Vec<f64> {
             truth[key][i].as_array().unwrap().iter().map(|n| n.as_f64().unwrap()).collect()
         };
-        let stage = Stage::new(&scene, view, &head, Raster::full(SENSOR_PX), &photos, Options::default());
+        let stage =
+            Stage::new(&scene, view, &head, Raster::full(SENSOR_PX), &stock.photos, Options::default());
         for i in 0..4 {
             let (mm, px) = (numbers("corners_cam_mm", i), numbers("corners_px", i));
             let ray = stage.ray(px[0], px[1]);

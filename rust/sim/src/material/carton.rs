@@ -1,9 +1,10 @@
 //! Draws up the look of one carton: board, seams and tape, print, labels, straps, stripes. Sizes in mm.
 
 use super::ink::{code, word};
+use super::kinds::{Base, CARTONS, INKS, LABELS, MARKS, STRAPS, TAPES};
 use super::{Art, Decal, Look, Pattern, Surface, linear};
-use crate::photos::Photos;
 use crate::rng::Rng;
+use crate::stock::{Kind, Stock};
 use nalgebra::Vector3;
 
 /// A look and the word for its base in the truth file.
@@ -11,7 +12,7 @@ use nalgebra::Vector3;
 pub struct Carton {
     /// What it looks like.
     pub look: Look,
-    /// brown, kraft, white, black, red, blue, grey or green.
+    /// A word of [`CARTONS`].
     pub base: &'static str,
 }
 
@@ -26,26 +27,18 @@ fn half_of(face: usize, half: &Vector3<f64>) -> [f32; 2] {
 }
 
 /// A carton of these half sizes; everything is drawn from `rng`.
-pub fn carton(rng: &mut Rng, half: &Vector3<f64>, photos: &Photos) -> Carton {
-    let (base, rgb) = match rng.below(20) {
-        0..=7 => ("brown", [167, 124, 82]),
-        8..=11 => ("kraft", [186, 152, 110]),
-        12..=14 => ("white", [214, 213, 207]),
-        15 => ("black", [44, 43, 46]),
-        16 => ("red", [165, 42, 36]),
-        17 => ("blue", [40, 80, 150]),
-        18 => ("grey", [130, 131, 130]),
-        _ => ("green", [60, 110, 70]),
-    };
+pub fn carton(rng: &mut Rng, half: &Vector3<f64>, stock: &Stock) -> Carton {
+    let kind = stock.pick(rng, &CARTONS);
+    let Base { rgb, plain } = kind.what;
     let tint = [0; 3].map(|_| rng.normal() as f32 * 0.03);
     let tone = rng.range_f32(0.85, 1.18);
     let mut main = linear(rgb) * tone;
     main.x *= 1.0 + tint[0];
     main.y *= 1.0 + tint[1];
     main.z *= 1.0 + tint[2];
-    let plain = matches!(base, "brown" | "kraft");
     let flute_mm = if rng.chance(0.6) { rng.range_f32(4.0, 8.5) } else { 0.0 };
     let surface = Surface {
+        kind: kind.word,
         pattern: if plain || rng.chance(0.8) { Pattern::Board { flute_mm } } else { Pattern::Paint },
         base: main,
         second: if plain { linear([205, 172, 125]) } else { main * 0.8 },
@@ -55,29 +48,40 @@ pub fn carton(rng: &mut Rng, half: &Vector3<f64>, photos: &Photos) -> Carton {
     let gloss = if plain { rng.range_f32(0.01, 0.05) } else { rng.pick([0.03, 0.06, 0.2, 0.35]) };
     let mut decals = Vec::new();
     seams(rng, half, main, &mut decals);
-    let ink = *[[30, 29, 33], [32, 30, 34], [38, 52, 120], [140, 28, 30]]
-        .get(rng.below(4))
-        .unwrap_or(&[30, 29, 33]);
-    let ink = if base == "black" || (base == "red" && ink[0] > 100) { [225, 222, 214] } else { ink };
+    let mut ink = *stock.pick(rng, &INKS);
+    // Ink that would not show on its board is printed in white.
+    let apart: i32 = rgb.iter().zip(ink.what).map(|(b, i)| (i32::from(*b) - i32::from(i)).abs()).sum();
+    if apart < 110 {
+        ink.what = [225, 222, 214];
+    }
     let brand = word(rng);
     for face in 0..5 {
-        print(rng, face, half_of(face, half), ink, &brand, photos, &mut decals);
+        print(rng, face, half_of(face, half), &ink, &brand, stock, &mut decals);
     }
     if rng.chance(0.75) {
-        tape(rng, half, &mut decals);
+        tape(rng, half, stock, &mut decals);
     }
     for face in 0..5 {
-        labels(rng, face, half_of(face, half), &mut decals);
+        labels(rng, face, half_of(face, half), stock, &mut decals);
     }
     if rng.chance(0.16) {
-        straps(rng, half, &mut decals);
+        straps(rng, half, stock, &mut decals);
     }
-    Carton { look: Look { surface, decals, gloss }, base }
+    Carton { look: Look { surface, decals, gloss }, base: kind.word }
 }
 
-fn fill(face: usize, centre: [f32; 2], half: [f32; 2], rgb: [u8; 3], gloss: Option<f32>) -> Decal {
-    Decal { face, centre, turn_rad: 0.0, half, art: Art::Fill(rgb), gloss }
+fn fill(
+    kind: &'static str,
+    face: usize,
+    centre: [f32; 2],
+    half: [f32; 2],
+    rgb: [u8; 3],
+    gloss: Option<f32>,
+) -> Decal {
+    Decal { kind, face, centre, turn_rad: 0.0, half, art: Art::Fill(rgb), gloss }
 }
+
+const SEAM: &str = "seam";
 
 /// The gap between the flaps on top and bottom, along x; the joint at a corner of a side.
 fn seams(rng: &mut Rng, half: &Vector3<f64>, main: crate::vec3::V3, decals: &mut Vec<Decal>) {
@@ -85,7 +89,7 @@ fn seams(rng: &mut Rng, half: &Vector3<f64>, main: crate::vec3::V3, decals: &mut
     let srgb = [dark.x, dark.y, dark.z].map(|c| (c.max(0.0).powf(1.0 / 2.2) * 255.0).min(255.0) as u8);
     let gap = rng.range_f32(0.4, 1.6);
     for face in [4, 5] {
-        decals.push(fill(face, [0.0, rng.range_f32(-1.0, 1.0)], [half.x as f32, gap], srgb, None));
+        decals.push(fill(SEAM, face, [0.0, rng.range_f32(-1.0, 1.0)], [half.x as f32, gap], srgb, None));
     }
     // Short flaps show as a faint step beneath the long ones.
     if rng.chance(0.5) {
@@ -94,6 +98,7 @@ fn seams(rng: &mut Rng, half: &Vector3<f64>, main: crate::vec3::V3, decals: &mut
             let tint = [srgb[0] / 2 + 70, srgb[1] / 2 + 55, srgb[2] / 2 + 35];
             let art = Art::Tape(tint, 0.25);
             decals.push(Decal {
+                kind: SEAM,
                 face: 4,
                 centre,
                 turn_rad: 0.0,
@@ -105,25 +110,19 @@ fn seams(rng: &mut Rng, half: &Vector3<f64>, main: crate::vec3::V3, decals: &mut
     }
     if rng.chance(0.35) {
         let [a, b] = half_of(1, half);
-        decals.push(fill(1, [a - 35.0f32.min(0.4 * a), 0.0], [0.6, b], srgb, None));
+        decals.push(fill(SEAM, 1, [a - 35.0f32.min(0.4 * a), 0.0], [0.6, b], srgb, None));
     }
 }
 
 /// Tape over the seam, hanging over onto the short sides.
-fn tape(rng: &mut Rng, half: &Vector3<f64>, decals: &mut Vec<Decal>) {
+fn tape(rng: &mut Rng, half: &Vector3<f64>, stock: &Stock, decals: &mut Vec<Decal>) {
     let wide = (rng.range_f32(22.0, 30.0)).min(half.y as f32 * 0.45);
-    let (rgb, cover) = *[
-        ([150, 108, 62], 0.85),
-        ([170, 135, 90], 0.45),
-        ([205, 195, 175], 0.3),
-        ([128, 88, 48], 0.9),
-        ([225, 224, 220], 0.9),
-    ]
-    .get(rng.below(5))
-    .unwrap_or(&([150, 108, 62], 0.85));
+    let kind = stock.pick(rng, &TAPES);
+    let (rgb, cover) = kind.what;
     let gloss = Some(rng.range_f32(0.25, 0.6));
     let mut strip = |face, centre, half| {
-        decals.push(Decal { face, centre, turn_rad: 0.0, half, art: Art::Tape(rgb, cover), gloss });
+        let art = Art::Tape(rgb, cover);
+        decals.push(Decal { kind: kind.word, face, centre, turn_rad: 0.0, half, art, gloss });
     };
     strip(4, [0.0, 0.0], [half.x as f32, wide]);
     for face in [0, 1] {
@@ -136,35 +135,36 @@ fn print(
     rng: &mut Rng,
     face: usize,
     half: [f32; 2],
-    ink: [u8; 3],
+    ink: &Kind<[u8; 3]>,
     brand: &str,
-    photos: &Photos,
+    stock: &Stock,
     decals: &mut Vec<Decal>,
 ) {
     let [a, b] = half;
-    let mut put = |centre: [f32; 2], half: [f32; 2], turn_rad: f32, art: Art| {
-        decals.push(Decal { face, centre, turn_rad, half, art, gloss: None });
+    let Kind { word: inked, what: ink, .. } = *ink;
+    let mut put = |kind: &'static str, centre: [f32; 2], half: [f32; 2], turn_rad: f32, art: Art| {
+        decals.push(Decal { kind, face, centre, turn_rad, half, art, gloss: None });
     };
-    if !photos.all.is_empty() && rng.chance(0.2) {
+    if !stock.photos.all.is_empty() && rng.chance(0.2) {
         let w = a * rng.range_f32(0.25, 1.0);
         let h = b * rng.range_f32(0.25, 1.0);
         let centre = [rng.range_f32(-1.0, 1.0) * (a - w), rng.range_f32(-1.0, 1.0) * (b - h)];
-        put(centre, [w, h], 0.0, Art::Photo(rng.below(photos.all.len())));
+        put("photograph", centre, [w, h], 0.0, Art::Photo(rng.below(stock.photos.all.len())));
     }
     if rng.chance(0.07) {
         // A printed frame: the false edge that a detector must not take for the real one.
         let inset = rng.range_f32(0.03, 0.15) * a.min(b);
         let line = rng.range_f32(1.5, 8.0).min(0.05 * a.min(b));
-        put([0.0, 0.0], [a - inset, b - inset], 0.0, Art::Outline(ink, line));
+        put(inked, [0.0, 0.0], [a - inset, b - inset], 0.0, Art::Outline(ink, line));
     }
     if rng.chance(0.08) {
         let red = [178, 30, 34];
         for _ in 0..1 + rng.below(3) {
             let line = rng.range_f32(0.6, 5.0).min(0.04 * a.min(b));
             if rng.chance(0.5) {
-                put([rng.range_f32(-0.9, 0.9) * a, 0.0], [line, b], 0.0, Art::Fill(red));
+                put("red line", [rng.range_f32(-0.9, 0.9) * a, 0.0], [line, b], 0.0, Art::Fill(red));
             } else {
-                put([0.0, rng.range_f32(-0.9, 0.9) * b], [a, line], 0.0, Art::Fill(red));
+                put("red line", [0.0, rng.range_f32(-0.9, 0.9) * b], [a, line], 0.0, Art::Fill(red));
             }
         }
     }
@@ -175,7 +175,7 @@ fn print(
         let h = (w * aspect).min(b * 0.6);
         w = w.min(h / aspect);
         let centre = [rng.range_f32(-0.8, 0.8) * (a - w), rng.range_f32(-0.8, 0.6) * (b - h)];
-        put(centre, [w, h], rng.range_f32(-0.008, 0.008), Art::Text(brand.to_owned(), ink, bold));
+        put(inked, centre, [w, h], rng.range_f32(-0.008, 0.008), Art::Text(brand.to_owned(), ink, bold));
     }
     if rng.chance(0.4) {
         for row in 0..1 + rng.below(3) {
@@ -183,17 +183,18 @@ fn print(
             let aspect = Decal::text_aspect(&text, 0.4);
             let w = (0.3 * a).min(110.0);
             let at = [-0.9 * a + w, 0.9 * b - (row as f32 * 2.0 + 1.0) * w * aspect * 1.5];
-            put(at, [w, w * aspect], 0.0, Art::Text(text, ink, 0.4));
+            put(inked, at, [w, w * aspect], 0.0, Art::Text(text, ink, 0.4));
         }
     }
     if face != 4 && rng.chance(0.5) {
         let h = (0.22 * b).min(55.0);
-        let art = if rng.chance(0.7) { Art::Arrows(ink) } else { Art::Glass(ink) };
-        put([rng.range_f32(0.5, 0.85) * (a - h), 0.8 * (b - h)], [h * 0.85, h], 0.0, art);
+        let mark = stock.pick(rng, &MARKS);
+        let art = (mark.what)(ink);
+        put(mark.word, [rng.range_f32(0.5, 0.85) * (a - h), 0.8 * (b - h)], [h * 0.85, h], 0.0, art);
     }
 }
 
-fn labels(rng: &mut Rng, face: usize, half: [f32; 2], decals: &mut Vec<Decal>) {
+fn labels(rng: &mut Rng, face: usize, half: [f32; 2], stock: &Stock, decals: &mut Vec<Decal>) {
     let [a, b] = half;
     let count = if rng.chance(0.45) { 1 + usize::from(rng.chance(0.25)) } else { 0 };
     for _ in 0..count {
@@ -203,27 +204,23 @@ fn labels(rng: &mut Rng, face: usize, half: [f32; 2], decals: &mut Vec<Decal>) {
         let quarter = if rng.chance(0.12) { std::f32::consts::FRAC_PI_2 } else { 0.0 };
         let half = if quarter > 0.0 { [w.min(h), w.min(h)] } else { [w, h] };
         let seed = (u64::from(rng.bits()) << 32) | u64::from(rng.bits());
+        let kind = stock.pick(rng, &LABELS);
+        let (layout, paper) = kind.what;
         decals.push(Decal {
+            kind: kind.word,
             face,
             centre,
             turn_rad: quarter + rng.normal() as f32 * 0.02,
             half,
-            art: Art::Label(seed),
+            art: Art::Label(seed, layout, paper),
             gloss: Some(rng.range_f32(0.05, 0.3)),
         });
     }
 }
 
 /// One or two straps around the box, over the top and two sides.
-fn straps(rng: &mut Rng, half: &Vector3<f64>, decals: &mut Vec<Decal>) {
-    let rgb = rng.pick([
-        [24, 24, 26],
-        [225, 224, 218],
-        [40, 120, 60],
-        [230, 190, 40],
-        [200, 40, 36],
-        [40, 70, 160],
-    ]);
+fn straps(rng: &mut Rng, half: &Vector3<f64>, stock: &Stock, decals: &mut Vec<Decal>) {
+    let Kind { word, what: rgb, .. } = *stock.pick(rng, &STRAPS);
     let wide = rng.range_f32(4.0, 9.0);
     let gloss = Some(0.3);
     let count = 1 + rng.below(2);
@@ -232,8 +229,8 @@ fn straps(rng: &mut Rng, half: &Vector3<f64>, decals: &mut Vec<Decal>) {
             if count == 1 { rng.range_f32(-0.3, 0.3) } else { [-0.5, 0.5][i % 2] + rng.range_f32(-0.1, 0.1) };
         let (x, y, z) = (half.x as f32, half.y as f32, half.z as f32);
         // Around the length: top, front and back; positions mirror with the faces' picture axes.
-        decals.push(fill(4, [share * x, 0.0], [wide, y], rgb, gloss));
-        decals.push(fill(3, [share * x, 0.0], [wide, z], rgb, gloss));
-        decals.push(fill(2, [-share * x, 0.0], [wide, z], rgb, gloss));
+        decals.push(fill(word, 4, [share * x, 0.0], [wide, y], rgb, gloss));
+        decals.push(fill(word, 3, [share * x, 0.0], [wide, z], rgb, gloss));
+        decals.push(fill(word, 2, [-share * x, 0.0], [wide, z], rgb, gloss));
     }
 }

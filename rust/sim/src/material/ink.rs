@@ -148,15 +148,14 @@ pub fn code(rng: &mut Rng, length: usize) -> String {
     (0..length).map(|_| char::from(b"ABCDEFGHKLMNPRSTUVWXYZ0123456789012345678901"[rng.below(44)])).collect()
 }
 
-/// An address label: border, rows of words, a bar code, a large code. `seed` fixes its contents at every resolution.
+/// A label: border, rows of words, a bar code, a large code. `seed` fixes its contents at every resolution; layout 0 is an
+/// address, 1 a parcel's, anything else an order's.
 #[must_use]
-pub fn label(seed: u64, width: usize, height: usize) -> Bitmap {
+pub fn label(seed: u64, layout: u8, paper: [u8; 3], width: usize, height: usize) -> Bitmap {
     let mut rng = Rng::new(seed, 0x1ABE);
-    let paper = rng.pick([[244, 243, 238], [236, 236, 232], [250, 248, 240], [240, 225, 160]]);
     let mut map = Bitmap::new(width, height, [paper[0], paper[1], paper[2], 255]);
     let (w, h) = (width as f32, height as f32);
     let black = [28, 27, 30];
-    let layout = rng.below(3);
     if rng.chance(0.6) {
         let b = 0.012 * w.min(h);
         let m = 0.03 * w.min(h);

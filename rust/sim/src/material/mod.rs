@@ -1,9 +1,10 @@
 //! What surfaces look like: [`noise`] tiles, [`surface`] patterns (board, wood, stone), [`ink`] bitmaps (print, labels) and
-//! [`stamp`]s that put them on faces; [`mod@carton`] draws up the look of one box.
+//! [`stamp`]s that put them on faces; [`kinds`] lists what there is, [`mod@carton`] draws up the look of one box.
 
 pub mod carton;
 pub mod font;
 pub mod ink;
+pub mod kinds;
 pub mod noise;
 pub mod stamp;
 pub mod surface;

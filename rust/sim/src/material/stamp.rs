@@ -22,8 +22,8 @@ pub enum Art {
     Glass([u8; 3]),
     /// The outline of a rectangle, this wide in mm.
     Outline([u8; 3], f32),
-    /// An address label of this seed.
-    Label(u64),
+    /// A label with contents of a seed, in a layout of [`super::ink::label`], on paper of a colour.
+    Label(u64, u8, [u8; 3]),
     /// A photograph by index.
     Photo(usize),
 }
@@ -31,6 +31,8 @@ pub enum Art {
 /// Something on a face.
 #[derive(Clone, Debug)]
 pub struct Decal {
+    /// The word of its kind.
+    pub kind: &'static str,
     /// Which face.
     pub face: usize,
     /// Its middle in the face's picture axes, mm.
@@ -80,7 +82,7 @@ impl Decal {
         let (wf, hf) = (w as f32, h as f32);
         let clear = |rgb: &[u8; 3]| Bitmap::new(w, h, [rgb[0], rgb[1], rgb[2], 0]);
         match &self.art {
-            Art::Label(seed) => label(*seed, w, h),
+            Art::Label(seed, layout, paper) => label(*seed, *layout, *paper, w, h),
             Art::Text(text, rgb, bold) => {
                 let mut map = clear(rgb);
                 map.text(text, [0.0, 0.0, wf, hf], *bold, *rgb);

@@ -47,6 +47,8 @@ pub enum Pattern {
 /// A surface: pattern, two colours, strength and where its noise starts.
 #[derive(Clone, Copy, Debug)]
 pub struct Surface {
+    /// The word of its kind.
+    pub kind: &'static str,
     /// Kind.
     pub pattern: Pattern,
     /// Main colour, linear.

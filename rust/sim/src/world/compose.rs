@@ -3,12 +3,13 @@
 use super::light::lighting;
 use super::{Body, Lighting, Role, View, axes, face_half, room, stand};
 use crate::head::Head;
-use crate::material::carton;
-use crate::photos::Photos;
+use crate::material::{Art, Look, Pattern, carton};
 use crate::pose::{FacePose, Refuse, place_face, place_unmeasurable, random_orientation};
 use crate::rng::Rng;
 use crate::solid::FACES;
+use crate::stock::Stock;
 use nalgebra::Vector3;
+use std::collections::BTreeSet;
 
 /// What is wanted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,32 +52,54 @@ pub struct Words {
     pub neighbours: Vec<&'static str>,
 }
 
+impl Scene {
+    /// Words of all materials in the scene, seen or not, and names of its photographs; sorted.
+    #[must_use]
+    pub fn materials<'s>(&'s self, stock: &'s Stock) -> BTreeSet<&'s str> {
+        let photo = |index: &usize| stock.photos.all.get(*index).map(|p| p.name.as_str());
+        let mut words = BTreeSet::new();
+        for Look { surface, decals, .. } in self.bodies.iter().map(|b| &b.look) {
+            words.insert(surface.kind);
+            if let Pattern::Photo { index, .. } = &surface.pattern {
+                words.extend(photo(index));
+            }
+            for decal in decals {
+                words.insert(decal.kind);
+                if let Art::Photo(index) = &decal.art {
+                    words.extend(photo(index));
+                }
+            }
+        }
+        words
+    }
+}
+
 /// Height range of the head above the floor, mm: from a hand at the ground to one held overhead.
 const HEAD_HEIGHT_MM: (f64, f64) = (70.0, 2700.0);
 
 /// Draws a scene for a plan. Sizes, stands and poses are drawn until they fit each other; a draw nearly always does.
-pub fn compose(rng: &mut Rng, head: &Head, plan: Plan, photos: &Photos) -> Scene {
+pub fn compose(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Scene {
     if plan == Plan::Refused(Refuse::NoBox) {
-        return empty(rng, photos);
+        return empty(rng, stock);
     }
     loop {
-        if let Some(scene) = attempt(&mut rng.child(), head, plan, photos) {
+        if let Some(scene) = attempt(&mut rng.child(), head, plan, stock) {
             return scene;
         }
     }
 }
 
-fn attempt(rng: &mut Rng, head: &Head, plan: Plan, photos: &Photos) -> Option<Scene> {
+fn attempt(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Option<Scene> {
     let size = box_size(rng);
     let half = size / 2.0;
     let faces = pick_faces(rng, plan);
-    let stand = stand::stand(rng, &size, photos);
+    let stand = stand::stand(rng, &size, stock);
     let centre = Vector3::new(0.0, 0.0, stand.top_mm + half.z);
     let mut views = Vec::new();
     for &face in &faces {
         views.push(view(rng, head, plan, face, centre, &half, &stand.bodies)?);
     }
-    let carton = carton(rng, &half, photos);
+    let carton = carton(rng, &half, stock);
     let target = Body {
         centre,
         rotation: nalgebra::Matrix3::identity(),
@@ -91,15 +114,15 @@ fn attempt(rng: &mut Rng, head: &Head, plan: Plan, photos: &Photos) -> Option<Sc
     let outdoors = light.ambient == "sun";
     let reach =
         stand.bodies.iter().fold(half.xy().norm(), |r, b| r.max((b.centre.xy() + b.half.xy()).norm()));
-    let (touching, words) = room::neighbours(rng, &size, stand.top_mm, &faces, photos);
+    let (touching, words) = room::neighbours(rng, &size, stand.top_mm, &faces, stock);
     let mut bodies = vec![target];
     bodies.extend(stand.bodies);
     let fixed = bodies.len();
     bodies.extend(touching);
     let near = bodies.len();
-    let shell = room::shell(rng, outdoors, &faces, half.y + 700.0, photos);
+    let shell = room::shell(rng, outdoors, &faces, half.y + 700.0, stock);
     bodies.extend(shell);
-    bodies.extend(room::clutter(rng, reach, outdoors, photos));
+    bodies.extend(room::clutter(rng, reach, outdoors, stock));
     let mut scene = Scene {
         bodies,
         target: Some(0),
@@ -242,11 +265,11 @@ fn expose(rng: &mut Rng, scene: &mut Scene) {
 }
 
 /// A scene without a target: the head looks at the floor, a wall or distant clutter.
-pub fn empty(rng: &mut Rng, photos: &Photos) -> Scene {
+pub fn empty(rng: &mut Rng, stock: &Stock) -> Scene {
     let light = lighting(rng, Vector3::new(0.0, 0.0, 500.0), 1000.0);
     let outdoors = light.ambient == "sun";
-    let mut bodies = room::shell(rng, outdoors, &[], 800.0, photos);
-    bodies.extend(room::clutter(rng, 2200.0, outdoors, photos));
+    let mut bodies = room::shell(rng, outdoors, &[], 800.0, stock);
+    bodies.extend(room::clutter(rng, 2200.0, outdoors, stock));
     let camera_mm =
         Vector3::new(rng.range(-300.0, 300.0), rng.range(-1200.0, -200.0), rng.range(500.0, 1700.0));
     let roll = rng.sign() * rng.range(35.0, 55.0);
@@ -298,7 +321,7 @@ pub fn occlude(rng: &mut Rng, scene: &mut Scene, view: &View, head: &Head) {
             half: size / 2.0,
             radius_mm: 0.3 * size.x.min(size.z),
             bulge_mm: [0.0; FACES],
-            look: crate::material::Look::bare(super::stand::paint(rng, rgb), 0.05),
+            look: Look::bare(super::stand::paint(rng, rgb), 0.05),
             role: Role::Occluder,
         };
         let clear = head.beams.iter().map(|b| view.world(b.source_mm)).chain([view.camera_mm]);

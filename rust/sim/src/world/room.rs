@@ -2,81 +2,97 @@
 
 use super::stand::{paint, wood};
 use super::{Body, Role};
+use crate::material::kinds::{FLOORS, Ground, WALLS, Wall, YARDS};
 use crate::material::{Look, Pattern, Surface, carton, linear};
-use crate::photos::Photos;
 use crate::rng::Rng;
+use crate::stock::{Kind, Stock};
 use nalgebra::Vector3;
 
 /// Half the extent of floor and far walls, mm.
 const FAR_MM: f64 = 11_000.0;
 
-fn floor_surface(rng: &mut Rng, outdoors: bool) -> (Surface, f32) {
+fn floor_surface(rng: &mut Rng, outdoors: bool, stock: &Stock) -> (Surface, f32) {
+    let Kind { word, what: ground, .. } =
+        *if outdoors { stock.pick(rng, &YARDS) } else { stock.pick(rng, &FLOORS) };
     let stone = |rng: &mut Rng, rgb: [u8; 3]| Surface {
+        kind: word,
         pattern: Pattern::Stone,
         base: linear(rgb) * rng.range_f32(0.7, 1.2),
         second: linear(rgb) * rng.range_f32(0.4, 0.8),
         strength: rng.range_f32(0.6, 1.6),
         offset: [rng.range_f32(0.0, 4000.0), rng.range_f32(0.0, 4000.0)],
     };
-    if outdoors {
-        let rgb = rng.pick([[128, 126, 122], [92, 92, 94], [150, 146, 138]]);
-        return (stone(rng, rgb), 0.01);
-    }
-    match rng.below(5) {
-        0 | 1 => {
-            let rgb = rng.pick([[140, 139, 136], [118, 120, 122], [160, 156, 148], [96, 110, 108]]);
+    let (surface, gloss) = match ground {
+        Ground::Stone(colours) => {
+            let rgb = rng.pick(colours);
             (stone(rng, rgb), rng.range_f32(0.01, 0.12))
         }
-        2 => {
-            let width_mm = rng.range_f32(90.0, 200.0);
-            (Surface { pattern: Pattern::Planks { width_mm }, ..wood(rng) }, rng.range_f32(0.03, 0.2))
+        Ground::Planks => {
+            let pattern = Pattern::Planks { width_mm: rng.range_f32(90.0, 200.0) };
+            (Surface { kind: word, pattern, ..wood(rng, stock) }, rng.range_f32(0.03, 0.2))
         }
-        3 => {
+        Ground::Tiles => {
             let side_mm = rng.pick([200.0, 300.0, 450.0, 600.0]);
             let rgb = rng.pick([[190, 186, 176], [130, 128, 126], [90, 84, 80], [170, 130, 110]]);
-            let base = stone(rng, rgb);
-            (Surface { pattern: Pattern::Tiles { side_mm }, ..base }, rng.range_f32(0.05, 0.3))
+            (Surface { pattern: Pattern::Tiles { side_mm }, ..stone(rng, rgb) }, rng.range_f32(0.05, 0.3))
         }
-        _ => {
+        Ground::Bricks(colours) => {
+            let rgb = rng.pick(colours);
+            (Surface { pattern: Pattern::Brick, ..stone(rng, rgb) }, 0.02)
+        }
+        Ground::Coat => {
             let rgb = rng.pick([[70, 84, 100], [110, 112, 110], [60, 90, 75]]);
-            (paint(rng, rgb), rng.range_f32(0.05, 0.25))
+            (Surface { kind: word, ..paint(rng, rgb) }, rng.range_f32(0.05, 0.25))
         }
-    }
+    };
+    // Ground under the sky is never polished.
+    (surface, if outdoors { 0.01 } else { gloss })
 }
 
-fn wall_surface(rng: &mut Rng, photos: &Photos) -> Surface {
+fn wall_surface(rng: &mut Rng, stock: &Stock) -> Surface {
     let offset = [rng.range_f32(0.0, 4000.0), rng.range_f32(0.0, 4000.0)];
-    if !photos.all.is_empty() && rng.chance(0.25) {
-        let index = rng.below(photos.all.len());
+    let flat = |kind, pattern, rgb: [u8; 3]| Surface {
+        kind,
+        pattern,
+        base: linear(rgb),
+        second: linear(rgb),
+        strength: 1.0,
+        offset,
+    };
+    if !stock.photos.all.is_empty() && rng.chance(0.25) {
+        let index = rng.below(stock.photos.all.len());
         let pattern = Pattern::Photo { index, width_mm: rng.range_f32(800.0, 3500.0) };
-        return Surface { pattern, base: linear([128; 3]), second: linear([90; 3]), strength: 1.0, offset };
+        return flat("photograph", pattern, [128; 3]);
     }
-    match rng.below(5) {
-        0 => {
+    let Kind { word, what: wall, .. } = *stock.pick(rng, &WALLS);
+    match wall {
+        Wall::Brick => {
             let rgb = rng.pick([[140, 72, 54], [120, 62, 50], [170, 150, 125], [85, 60, 55]]);
             let second = linear([150, 146, 138]) * rng.range_f32(0.5, 1.0);
-            Surface { pattern: Pattern::Brick, base: linear(rgb), second, strength: 1.0, offset }
+            Surface { second, ..flat(word, Pattern::Brick, rgb) }
         }
-        1 => {
+        Wall::Sheet => {
             let rgb = rng.pick([[150, 160, 168], [120, 130, 130], [190, 192, 190]]);
-            let pattern = Pattern::Sheet { pitch_mm: rng.range_f32(70.0, 220.0) };
-            Surface { pattern, base: linear(rgb), second: linear(rgb), strength: 1.0, offset }
+            flat(word, Pattern::Sheet { pitch_mm: rng.range_f32(70.0, 220.0) }, rgb)
         }
-        2 => {
+        Wall::Cladding => {
+            let pattern = Pattern::Planks { width_mm: rng.range_f32(90.0, 160.0) };
+            Surface { kind: word, pattern, ..wood(rng, stock) }
+        }
+        Wall::Plaster => {
             let rgb = rng.pick([[196, 192, 182], [165, 160, 150]]);
-            let second = linear(rgb) * 0.7;
-            Surface { pattern: Pattern::Stone, base: linear(rgb), second, strength: 0.7, offset }
+            Surface { second: linear(rgb) * 0.7, strength: 0.7, ..flat(word, Pattern::Stone, rgb) }
         }
-        _ => {
+        Wall::Paint => {
             let rgb = rng.pick([[222, 220, 212], [200, 206, 208], [226, 214, 188], [150, 160, 150]]);
-            Surface { offset, ..paint(rng, rgb) }
+            Surface { kind: word, offset, ..paint(rng, rgb) }
         }
     }
 }
 
 /// Floor, walls and ceiling; outdoors one wall at most. `faces` are those that will be looked at.
-pub fn shell(rng: &mut Rng, outdoors: bool, faces: &[usize], reach: f64, photos: &Photos) -> Vec<Body> {
-    let (surface, gloss) = floor_surface(rng, outdoors);
+pub fn shell(rng: &mut Rng, outdoors: bool, faces: &[usize], reach: f64, stock: &Stock) -> Vec<Body> {
+    let (surface, gloss) = floor_surface(rng, outdoors, stock);
     let wide = 2.0 * FAR_MM;
     let mut bodies = vec![Body::upright(
         Vector3::new(0.0, 0.0, -100.0),
@@ -86,7 +102,7 @@ pub fn shell(rng: &mut Rng, outdoors: bool, faces: &[usize], reach: f64, photos:
         Role::Room,
     )];
     let mut wall = |rng: &mut Rng, at: Vector3<f64>, size: Vector3<f64>| {
-        let look = Look::bare(wall_surface(rng, photos), rng.range_f32(0.01, 0.06));
+        let look = Look::bare(wall_surface(rng, stock), rng.range_f32(0.01, 0.06));
         bodies.push(Body::upright(at, size, rng.normal() * 0.03, look, Role::Room));
     };
     let height = rng.range(3500.0, 7000.0);
@@ -113,8 +129,8 @@ pub fn shell(rng: &mut Rng, outdoors: bool, faces: &[usize], reach: f64, photos:
 }
 
 /// A carton of a size at a foot point.
-fn box_at(rng: &mut Rng, foot: Vector3<f64>, size: Vector3<f64>, yaw: f64, photos: &Photos) -> Body {
-    let look = carton(rng, &(size / 2.0), photos).look;
+fn box_at(rng: &mut Rng, foot: Vector3<f64>, size: Vector3<f64>, yaw: f64, stock: &Stock) -> Body {
+    let look = carton(rng, &(size / 2.0), stock).look;
     Body::upright(foot, size, yaw, look, Role::Carton).rounded(rng.range(0.5, 3.0))
 }
 
@@ -124,7 +140,7 @@ pub fn neighbours(
     size: &Vector3<f64>,
     base_mm: f64,
     faces: &[usize],
-    photos: &Photos,
+    stock: &Stock,
 ) -> (Vec<Body>, Vec<&'static str>) {
     let (mut bodies, mut words) = (Vec::new(), Vec::new());
     let few = rng.chance(0.35);
@@ -158,14 +174,14 @@ pub fn neighbours(
             _ => Vector3::new(flush(rng, 0), flush(rng, 1), base_mm + size.z + 0.3),
         };
         let yaw = rng.normal() * 0.002;
-        bodies.push(box_at(rng, foot, other, yaw, photos));
+        bodies.push(box_at(rng, foot, other, yaw, stock));
         words.push(word);
     }
     (bodies, words)
 }
 
 /// Loose boxes on the floor, and a rack with boxes behind.
-pub fn clutter(rng: &mut Rng, reach: f64, outdoors: bool, photos: &Photos) -> Vec<Body> {
+pub fn clutter(rng: &mut Rng, reach: f64, outdoors: bool, stock: &Stock) -> Vec<Body> {
     let mut bodies = Vec::new();
     for _ in 0..rng.below(7) {
         let angle = rng.range(0.0, std::f64::consts::TAU);
@@ -177,22 +193,22 @@ pub fn clutter(rng: &mut Rng, reach: f64, outdoors: bool, photos: &Photos) -> Ve
         );
         let foot = Vector3::new(angle.cos() * far, angle.sin() * far, 0.0);
         let yaw = rng.range(-0.8, 0.8);
-        bodies.push(box_at(rng, foot, size, yaw, photos));
+        bodies.push(box_at(rng, foot, size, yaw, stock));
         if rng.chance(0.4) {
             let upper = size * rng.range(0.5, 0.95);
             let foot = foot + Vector3::z() * size.z;
             let turned = yaw + rng.normal() * 0.1;
-            bodies.push(box_at(rng, foot, upper, turned, photos));
+            bodies.push(box_at(rng, foot, upper, turned, stock));
         }
     }
     if !outdoors && rng.chance(0.55) {
-        rack(rng, reach, photos, &mut bodies);
+        rack(rng, reach, stock, &mut bodies);
     }
     bodies
 }
 
 /// A pallet rack: uprights, beams, boxes on them.
-fn rack(rng: &mut Rng, reach: f64, photos: &Photos, bodies: &mut Vec<Body>) {
+fn rack(rng: &mut Rng, reach: f64, stock: &Stock, bodies: &mut Vec<Body>) {
     let upright_rgb = rng.pick([[38, 78, 150], [60, 62, 66], [150, 152, 154]]);
     let upright = Look::bare(paint(rng, upright_rgb), 0.1);
     let beam_rgb = rng.pick([[214, 104, 28], [220, 170, 40], [190, 60, 40]]);
@@ -224,7 +240,7 @@ fn rack(rng: &mut Rng, reach: f64, photos: &Photos, bodies: &mut Vec<Body>) {
                 if rng.chance(0.6) {
                     let foot = foot + Vector3::new(x + size.x / 2.0, 400.0, 120.0);
                     let yaw = rng.normal() * 0.05;
-                    bodies.push(box_at(rng, foot, size, yaw, photos));
+                    bodies.push(box_at(rng, foot, size, yaw, stock));
                 }
                 x += size.x + rng.range(20.0, 250.0);
             }

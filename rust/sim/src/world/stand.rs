@@ -1,9 +1,10 @@
 //! What boxes stand on: pallet, table, shelf, other boxes. Each builder returns bodies whose top is at a known height.
 
 use super::{Body, Role};
+use crate::material::kinds::WOODS;
 use crate::material::{Look, Pattern, Surface, carton, linear};
-use crate::photos::Photos;
 use crate::rng::Rng;
+use crate::stock::{Kind, Stock};
 use nalgebra::Vector3;
 
 /// Bodies, the height of their top, and the word for the truth file.
@@ -17,9 +18,10 @@ pub struct Stand {
 }
 
 /// Raw wood in one of several tones.
-pub fn wood(rng: &mut Rng) -> Surface {
-    let rgb = rng.pick([[205, 172, 128], [178, 140, 98], [160, 150, 135], [215, 190, 150]]);
+pub fn wood(rng: &mut Rng, stock: &Stock) -> Surface {
+    let Kind { word, what: rgb, .. } = *stock.pick(rng, &WOODS);
     Surface {
+        kind: word,
         pattern: Pattern::Wood,
         base: linear(rgb) * rng.range_f32(0.85, 1.15),
         second: linear(rgb) * rng.range_f32(0.45, 0.65),
@@ -31,6 +33,7 @@ pub fn wood(rng: &mut Rng) -> Surface {
 /// Coat of paint in a colour (sRGB).
 pub fn paint(rng: &mut Rng, rgb: [u8; 3]) -> Surface {
     Surface {
+        kind: "paint",
         pattern: Pattern::Paint,
         base: linear(rgb) * rng.range_f32(0.8, 1.2),
         second: linear(rgb),
@@ -40,24 +43,24 @@ pub fn paint(rng: &mut Rng, rgb: [u8; 3]) -> Surface {
 }
 
 /// A stand for a target of this size, about x = y = 0.
-pub fn stand(rng: &mut Rng, size: &Vector3<f64>, photos: &Photos) -> Stand {
+pub fn stand(rng: &mut Rng, size: &Vector3<f64>, stock: &Stock) -> Stand {
     let longest = size.x.max(size.y);
     let choice = rng.unit();
     if longest < 450.0 {
         match choice {
-            c if c < 0.5 => table(rng, size),
-            c if c < 0.65 => stack(rng, size, photos),
-            c if c < 0.8 => pallet(rng, size),
-            c if c < 0.9 => shelf(rng, size),
+            c if c < 0.5 => table(rng, size, stock),
+            c if c < 0.65 => stack(rng, size, stock),
+            c if c < 0.8 => pallet(rng, size, stock),
+            c if c < 0.9 => shelf(rng, size, stock),
             _ => floor(),
         }
     } else if size.z > 900.0 {
-        if choice < 0.5 { floor() } else { pallet(rng, size) }
+        if choice < 0.5 { floor() } else { pallet(rng, size, stock) }
     } else {
         match choice {
             c if c < 0.35 => floor(),
-            c if c < 0.75 => pallet(rng, size),
-            _ => stack(rng, size, photos),
+            c if c < 0.75 => pallet(rng, size, stock),
+            _ => stack(rng, size, stock),
         }
     }
 }
@@ -66,14 +69,14 @@ const fn floor() -> Stand {
     Stand { bodies: Vec::new(), top_mm: 0.0, word: "floor" }
 }
 
-fn table(rng: &mut Rng, size: &Vector3<f64>) -> Stand {
+fn table(rng: &mut Rng, size: &Vector3<f64>, stock: &Stock) -> Stand {
     let top_mm = rng.range(650.0, 950.0);
     let wide = (size.x + rng.range(200.0, 1200.0)).max(800.0);
     let deep = (size.y + rng.range(100.0, 700.0)).max(500.0);
     let surface = match rng.below(4) {
         0 => paint(rng, [225, 225, 222]),
         1 => paint(rng, [120, 122, 124]),
-        _ => wood(rng),
+        _ => wood(rng, stock),
     };
     let gloss = rng.range_f32(0.02, 0.25);
     let at = Vector3::new(rng.range(-0.3, 0.3) * (wide - size.x), 0.4 * (deep - size.y), 0.0);
@@ -90,12 +93,12 @@ fn table(rng: &mut Rng, size: &Vector3<f64>) -> Stand {
     Stand { bodies, top_mm, word: "table" }
 }
 
-fn pallet(rng: &mut Rng, size: &Vector3<f64>) -> Stand {
+fn pallet(rng: &mut Rng, size: &Vector3<f64>, stock: &Stock) -> Stand {
     let wide = 1200f64.max(size.x - rng.range(-150.0, 60.0));
     let deep = 800f64.max(size.y - rng.range(-150.0, 60.0));
     let slack = Vector3::new(0.5 * (wide - size.x).max(0.0), 0.5 * (deep - size.y).max(0.0), 0.0);
     let at = Vector3::new(rng.range(-1.0, 1.0) * slack.x, rng.range(-1.0, 1.0) * slack.y, 0.0);
-    let main = wood(rng);
+    let main = wood(rng, stock);
     let mut bodies = Vec::new();
     let mut plank = |rng: &mut Rng, foot: Vector3<f64>, size: Vector3<f64>, yaw: f64| {
         let mut surface = main;
@@ -126,13 +129,13 @@ fn pallet(rng: &mut Rng, size: &Vector3<f64>) -> Stand {
     Stand { bodies, top_mm: 144.0, word: "pallet" }
 }
 
-fn shelf(rng: &mut Rng, size: &Vector3<f64>) -> Stand {
+fn shelf(rng: &mut Rng, size: &Vector3<f64>, stock: &Stock) -> Stand {
     let top_mm = rng.range(400.0, 1200.0);
     let wide = rng.range(900.0, 1800.0).max(size.x + 100.0);
     let deep = size.y + rng.range(10.0, 150.0);
     // The box stands near the front edge, so that the head can see its faces.
     let at = Vector3::new(rng.range(-0.3, 0.3) * (wide - size.x), 0.5 * (deep - size.y) - 5.0, 0.0);
-    let surface = if rng.chance(0.5) { wood(rng) } else { paint(rng, [150, 155, 160]) };
+    let surface = if rng.chance(0.5) { wood(rng, stock) } else { paint(rng, [150, 155, 160]) };
     let mut bodies = vec![Body::upright(
         at + Vector3::z() * (top_mm - 20.0),
         Vector3::new(wide, deep, 20.0),
@@ -147,7 +150,7 @@ fn shelf(rng: &mut Rng, size: &Vector3<f64>) -> Stand {
     Stand { bodies, top_mm, word: "shelf" }
 }
 
-fn stack(rng: &mut Rng, size: &Vector3<f64>, photos: &Photos) -> Stand {
+fn stack(rng: &mut Rng, size: &Vector3<f64>, stock: &Stock) -> Stand {
     let mut bodies = Vec::new();
     let mut top_mm = 0.0;
     let levels = if size.z < 350.0 { 1 + rng.below(2) } else { 1 };
@@ -155,7 +158,7 @@ fn stack(rng: &mut Rng, size: &Vector3<f64>, photos: &Photos) -> Stand {
         // Either the same footprint (edges flush) or a wider box.
         let grow = |rng: &mut Rng| if rng.chance(0.5) { rng.range(-2.0, 2.0) } else { rng.range(0.0, 250.0) };
         let lower = Vector3::new(size.x + grow(rng), size.y + grow(rng), rng.range(200.0, 500.0));
-        let look = carton(rng, &(lower / 2.0), photos).look;
+        let look = carton(rng, &(lower / 2.0), stock).look;
         let foot = Vector3::new(rng.range(-2.0, 2.0), rng.range(-2.0, 2.0), top_mm);
         bodies.push(Body::upright(foot, lower, rng.normal() * 0.01, look, Role::Carton).rounded(1.5));
         top_mm += lower.z;
