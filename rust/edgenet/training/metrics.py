@@ -15,6 +15,10 @@ import torch.nn.functional as F
 from losses import single_map
 from stream import CHANNELS
 
+KEY_POINT_NEAR_PX = 4.0  # label pixels: what lies so near to a true line may be taken for it
+KEY_POINT_APART_PX = 3.0  # and so near to the other line may be either
+EDGE_REACH_PX, LASER_REACH_PX = 10.0, 40.0  # how far from a key point its two lines are looked at
+KEY_POINT_PIXELS = 6  # least number of pixels of a line
 THRESHOLDS = torch.arange(0.1, 0.91, 0.05)
 LINE_CHANNELS = tuple(c for c in CHANNELS if c not in ("face_mask", "corner"))
 LINE_FITTED_FROM = 0.3  # pixels of a laser map from here on vote in its line fit
@@ -114,6 +118,64 @@ def line_error_px(prediction: np.ndarray, truth: np.ndarray) -> float | None:
     return NET_SCALE * float(np.abs((ends - found[0]) @ normal).max())
 
 
+def straight_line(points: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
+    """Centre, direction and weighted rms distance of the line through points (n, 2)."""
+    if len(points) < KEY_POINT_PIXELS:
+        return None
+    centre = np.average(points, axis=0, weights=weight)
+    offset = points - centre
+    spread = offset * np.sqrt(weight)[:, None]
+    direction = np.linalg.eigh(spread.T @ spread)[1][:, 1]
+    across = offset @ np.array([-direction[1], direction[0]])
+    return centre, direction, float(np.sqrt(np.average(across**2, weights=weight)))
+
+
+def crossing(one: tuple, other: tuple) -> np.ndarray | None:
+    """Where two lines meet, if they do so at more than 20 degrees."""
+    (p, d), (q, e) = one[:2], other[:2]
+    sine = d[0] * e[1] - d[1] * e[0]
+    if abs(sine) < 0.34:
+        return None
+    return p + d * (((q - p)[0] * e[1] - (q - p)[1] * e[0]) / sine)
+
+
+def key_points(single: np.ndarray, lasers: np.ndarray, face_edge: np.ndarray, threshold: float) -> tuple[list[np.ndarray], int]:
+    """Errors (x, y; input pixels) of the key points that a single map gives, and how many there are in truth.
+
+    Which line is which comes from the truth (h, w; lasers 4, h, w), where it lies from the map: the same for every network.
+    A key point is where a laser's line meets an edge of the face; where the labels do not tell it (a corner near by,
+    something in front) it is left out.
+    """
+    ys, xs = np.nonzero(single >= threshold)
+    drawn, weight = np.stack([xs, ys], 1).astype(float), single[ys, xs].astype(float)
+    ys, xs = np.nonzero(face_edge >= LINE_FITTED_FROM)
+    edge_points, edge_weight = np.stack([xs, ys], 1).astype(float), face_edge[ys, xs].astype(float)
+    errors, count = [], 0
+    for laser in lasers:
+        true = fitted_line(laser)
+        if true is None:
+            continue
+        laser_normal = np.array([-true[1][1], true[1][0]])
+        for end, inward in zip(true[0] + true[2][:, None] * true[1], (1.0, -1.0)):
+            near = np.hypot(*(edge_points - end).T) < EDGE_REACH_PX
+            edge = straight_line(edge_points[near], edge_weight[near])
+            point = crossing(true, edge) if edge is not None and edge[2] <= 1.0 else None
+            if point is None or np.hypot(*(point - end)) > KEY_POINT_NEAR_PX:
+                continue
+            count += 1
+            edge_normal = np.array([-edge[1][1], edge[1][0]])
+            offset = drawn - point
+            to_laser, to_edge = np.abs(offset @ laser_normal), np.abs(offset @ edge_normal)
+            along = inward * (offset @ true[1])
+            on_laser = (to_laser < KEY_POINT_NEAR_PX) & (to_edge > KEY_POINT_APART_PX) & (along > 0) & (along < LASER_REACH_PX)
+            on_edge = (to_edge < KEY_POINT_NEAR_PX) & (to_laser > KEY_POINT_APART_PX) & (np.abs(offset @ edge[1]) < EDGE_REACH_PX)
+            lines = [straight_line(drawn[part], weight[part]) for part in (on_laser, on_edge)]
+            found = crossing(*lines) if None not in lines else None
+            if found is not None:
+                errors.append(NET_SCALE * (found - point))
+    return errors, count
+
+
 def contrast_bin(contrast: float | None) -> str | None:
     """None where this laser is not on the face (0), or the renderer does not say."""
     if not contrast:
@@ -124,7 +186,11 @@ def contrast_bin(contrast: float | None) -> str | None:
 class Scores:
     """All scores of a network over the frames given to `add`."""
 
-    def __init__(self, single: bool = False) -> None:
+    def __init__(self, single: bool = False, key_point_threshold: float | None = None) -> None:
+        """Key points are scored if the threshold of the single map is given, which is chosen beforehand."""
+        self.key_point_threshold = key_point_threshold
+        self.key_point_errors: list[np.ndarray] = []
+        self.true_key_points = 0
         self.single = single  # the network gives the paper's one map only
         self.lines: dict[str, LineCounts] = defaultdict(LineCounts)
         self.iou: list[float] = []
@@ -139,6 +205,11 @@ class Scores:
         truth_map = single_map(labels)
         predicted_map = prediction if self.single else single_map(prediction)
         self._add_lines("single", predicted_map, truth_map)
+        if self.key_point_threshold is not None:
+            for drawn, label in zip(predicted_map[:, 0].numpy(), labels.numpy()):
+                errors, count = key_points(drawn, label[:4], label[5], self.key_point_threshold)
+                self.key_point_errors += errors
+                self.true_key_points += count
         if self.single:
             return
         any_laser = lambda maps: maps[:, :4].amax(1, keepdim=True)
@@ -189,6 +260,8 @@ class Scores:
         result: dict = {"frames": self.frames, "lines": {}}
         for name, counts in self.lines.items():
             result["lines"][name] = counts.scores((thresholds or {}).get(name))
+        if self.key_point_threshold is not None:
+            result["key_points_px"] = key_point_summary(self.key_point_errors, self.true_key_points)
         if self.single:
             return result
         share = lambda values, limit: round(float(np.mean(np.array(values) < limit)), 4) if values else None
@@ -206,6 +279,21 @@ class Scores:
         result["four_lasers_below_2px"] = share(self.worst_of_four, 2)
         result["four_lasers_below_2px_not_dim"] = share(self.line_errors["four_not_dim"], 2)
         return result
+
+
+def key_point_summary(errors: list[np.ndarray], count: int) -> dict:
+    """Signed: differences averaged with their signs, as in eq. 21, where opposite ones cancel. Unsigned: mean distance."""
+    if not errors:
+        return {"n": count, "found": 0.0, "signed": None, "unsigned": None, "p90": None}
+    all_errors = np.stack(errors)
+    distance = np.hypot(*all_errors.T)
+    return {
+        "n": count,
+        "found": round(len(errors) / count, 4),
+        "signed": [round(float(v), 3) for v in all_errors.mean(0)],
+        "unsigned": round(float(distance.mean()), 3),
+        "p90": round(float(np.quantile(distance, 0.9, method="higher")), 3),
+    }
 
 
 def short(summary: dict) -> str:

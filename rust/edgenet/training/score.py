@@ -37,7 +37,7 @@ def score(path: Path, command: str, seed: int, count: int, thresholds: dict[str,
         single = maps.shape[1] == 1
         if single and maps.shape[-1] == frame.rgb.shape[1]:
             maps = torch.nn.functional.avg_pool2d(maps, 2)
-        scores = scores or metrics.Scores(single)
+        scores = scores or metrics.Scores(single, (thresholds or {}).get("single"))
         scores.add(maps, torch.from_numpy(frame.labels)[None].float() / 255, [frame.meta])
     return scores.summary(thresholds)
 

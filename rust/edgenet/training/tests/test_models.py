@@ -98,3 +98,19 @@ def test_perfect_prediction_scores_one():
     scores.add(labels, labels, [f.meta for f in frames])
     summary = scores.summary()
     assert summary["laser_f"] == 1.0 and summary["mask_iou_mean"] == 1.0 and summary["four_lasers_below_2px"] == 1.0
+
+
+def test_key_points_are_where_the_map_has_them():
+    import numpy as np
+
+    import fake
+    from stream import Format
+
+    label = fake.scene(3, Format(512, 384, 256, 192, 9)).labels.astype(np.float32) / 255
+    single = np.maximum(label[:4].max(0), label[5])
+    errors, count = metrics.key_points(single, label[:4], label[5], 0.4)
+    assert count >= 6 and len(errors) == count
+    assert max(np.hypot(*np.stack(errors).T)) < 1.0
+    moved, _ = metrics.key_points(np.roll(single, 2, axis=1), label[:4], label[5], 0.4)
+    assert np.median(np.stack(moved)[:, 0]) == pytest.approx(4.0, abs=0.7)  # 2 label pixels
+    assert metrics.key_points(single * 0, label[:4], label[5], 0.4) == ([], count)
