@@ -23,7 +23,7 @@ const KEYPOINTS_IN_THE_SUN: Limits = Limits { mm: 6.5, sigmas: 4.2 };
 
 const METHODS: [(&str, Method); 2] = [("fit", Method::Fit), ("keypoints", Method::Keypoints)];
 
-fn settings(method: Method) -> Settings {
+fn settings(method: Method) -> Settings<'static> {
     Settings { method, ..Settings::default() }
 }
 

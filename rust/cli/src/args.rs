@@ -44,6 +44,19 @@ Reads folders that hold recording.json and truth.json, or parents of such folder
 measured as a pair of frames; any other recording frame by frame. Measuring where a refusal was due, and refusing where a
 measurement was due, is flagged as WRONG. Exit codes: 0 the evaluation ran, whatever it found; 2 broken input or usage.")]
     Evaluate(EvaluateArgs),
+    /// Renders recordings with known truth, or labelled frames for training
+    #[cfg(feature = "render")]
+    #[command(after_help = "\
+Examples:
+  boxline render --out rendered --count 20
+  boxline render --out rendered --kind refuse --head nominal --photos photos
+  boxline render --stream --seed 1 --photos photos | python train.py
+  boxline render --stream --time
+
+A recording of seed 7 is a folder `007` with frames, recording.json, calibration.json and truth.json; it appears whole or not
+at all, and none is overwritten. --stream writes labelled frames of 512 x 384 to standard output until the reader goes away.
+The same seed gives the same bytes. Exit codes: 0 rendered, 2 broken input or usage.")]
+    Render(RenderArgs),
 }
 
 #[derive(ClapArgs)]
@@ -96,6 +109,67 @@ pub struct EvaluateArgs {
     pub json: bool,
 }
 
+#[cfg(feature = "render")]
+#[derive(ClapArgs)]
+pub struct RenderArgs {
+    /// Folder for the recordings
+    #[arg(long, value_name = "FOLDER", required_unless_present = "stream")]
+    pub out: Option<PathBuf>,
+    /// Seed of the first recording or frame; the next ones count on
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// How many; without it one recording, or frames without end
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..=1_000_000_000))]
+    pub count: Option<u64>,
+    /// Two faces of one box, single faces, or frames that must be refused
+    #[arg(long, value_enum, default_value_t = RenderKind::Box)]
+    pub kind: RenderKind,
+    /// Frames of a recording that is not of a box
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = frames_per_recording)]
+    pub frames: usize,
+    /// Add each view with the lasers off
+    #[arg(long)]
+    pub off: bool,
+    /// A head as production scatters it, or the paper's
+    #[arg(long, value_enum, default_value_t = HeadName::Random)]
+    pub head: HeadName,
+    /// JPEGs for prints, posters and walls (rust/edgenet/training/photos.sh fills a folder)
+    #[arg(long, value_name = "FOLDER")]
+    pub photos: Option<PathBuf>,
+    /// Draw materials and photographs that training never shows
+    #[arg(long)]
+    pub held_out: bool,
+    /// Write labelled frames to standard output instead (format boxline-stream/1)
+    #[arg(long, conflicts_with_all = ["out", "kind", "frames", "off", "head"])]
+    pub stream: bool,
+    /// Only say how fast --stream is
+    #[arg(long, requires = "stream")]
+    pub time: bool,
+    /// Print one JSON object
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[cfg(feature = "render")]
+fn frames_per_recording(text: &str) -> Result<usize, String> {
+    text.parse().ok().filter(|n| (1..=1000).contains(n)).ok_or_else(|| "1 to 1000 frames".to_owned())
+}
+
+#[cfg(feature = "render")]
+#[derive(Clone, Copy, ValueEnum)]
+pub enum RenderKind {
+    Box,
+    Face,
+    Refuse,
+}
+
+#[cfg(feature = "render")]
+#[derive(Clone, Copy, ValueEnum)]
+pub enum HeadName {
+    Random,
+    Nominal,
+}
+
 #[derive(ClapArgs)]
 pub struct How {
     /// How sides are computed: joint fit of a rectangle, or the paper's eight key points
@@ -137,7 +211,7 @@ pub enum EdgeName {
 
 impl How {
     /// The library's settings.
-    pub fn settings(&self, choose: Option<u8>) -> Settings {
+    pub fn settings(&self, choose: Option<u8>) -> Settings<'static> {
         let method = match self.method {
             MethodName::Fit => Method::Fit,
             MethodName::Keypoints => Method::Keypoints,
@@ -146,6 +220,7 @@ impl How {
             method,
             edges: self.edges.into(),
             choose: choose.map(|number| usize::from(number).saturating_sub(1)),
+            network: None,
         }
     }
 }

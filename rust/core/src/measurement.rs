@@ -1,6 +1,7 @@
 //! Results: what a frame tells about one face, what two frames tell about a box, and the settings that choose the way.
 
 use crate::frames::{Cam, Plane, Point};
+use crate::network::Network;
 use crate::reject::Reject;
 use crate::units::{Estimate, Px, Volume};
 
@@ -17,22 +18,38 @@ pub enum Method {
 /// How the edges of the face are found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum EdgeMethod {
-    /// Gradients along the normals of the predicted edge lines, sub-pixel (the default).
+    /// The network says which stripes and edges are the face's ([`Settings::network`]; without one, as `Gradient`), gradients
+    /// say where exactly (the default).
     #[default]
+    Net,
+    /// Gradients alone: along the normals of edge lines that the stripes' ends predict, sub-pixel.
     Gradient,
-    /// The paper's chain: edge map, Hough transform (eq. 20), clustering, line fits.
+    /// The paper's chain: edge map (the network's if there is one), Hough transform (eq. 20), clustering, line fits.
     Hough,
 }
 
 /// What the caller may choose. `Default` is what the courier uses.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Settings {
+#[derive(Clone, Copy, Default)]
+pub struct Settings<'a> {
     /// How the sides are computed.
     pub method: Method,
     /// How the edges are found.
     pub edges: EdgeMethod,
     /// Settles an A x A x B box: 0 for the first candidate, 1 for the second.
     pub choose: Option<usize>,
+    /// The network for [`EdgeMethod::Net`] and [`EdgeMethod::Hough`].
+    pub network: Option<&'a dyn Network>,
+}
+
+impl std::fmt::Debug for Settings<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Settings")
+            .field("method", &self.method)
+            .field("edges", &self.edges)
+            .field("choose", &self.choose)
+            .field("network", &self.network.is_some())
+            .finish()
+    }
 }
 
 /// One measured face. Sides: corners 0-1 and 3-2 are `length` edges, 1-2 and 0-3 `width` edges.

@@ -4,16 +4,19 @@ use crate::calibration::Calibration;
 use crate::cuboid;
 use crate::edges::{EdgeDetector, hough::HoughDetector, subpixel::GradientDetector};
 use crate::error::{Error, ErrorKind};
-use crate::face::extent::{FaceStripes, follow_stripes};
+use crate::face::extent::{FaceStripes, follow_stripes, inner_segments};
+use crate::face::map_outline::{MapOutline, map_outline};
+use crate::frames::{Cam, Plane};
 use crate::image::Frame;
 use crate::image::redness::{Diagonal, half_redness, ridge_map};
 use crate::measurement::{
     BoxReport, EdgeMethod, FaceMeasurement, FaceOutcome, Outcome, Settings, StageTimes,
 };
+use crate::network::FaceMaps;
 use crate::rectangle;
-use crate::rectangle::hypothesize::{Which, hypothesize};
+use crate::rectangle::hypothesize::{Which, hypothesize, limits, snap_to_image};
 use crate::reject::Reject;
-use crate::stripe::grid_search::{self, GridHypothesis};
+use crate::stripe::grid_search::{self, Evidence, GridHypothesis};
 use crate::units::LaserId;
 use std::time::Instant;
 
@@ -69,7 +72,12 @@ pub fn measure_face(
         ));
     }
     let mut clock = Clock { since: Instant::now(), times };
-    Ok(match face_stages(frame, calibration, settings, Which::Best, &mut clock) {
+    let maps = match settings.network {
+        Some(network) if settings.edges != EdgeMethod::Gradient => Some(network.maps(frame)?),
+        _ => None,
+    };
+    clock.lap("network");
+    Ok(match face_stages(frame, calibration, settings, maps.as_ref(), Which::Best, &mut clock) {
         Ok(faces) => faces
             .into_iter()
             .next()
@@ -84,18 +92,23 @@ fn face_stages(
     frame: &Frame,
     calibration: &Calibration,
     settings: &Settings,
+    maps: Option<&FaceMaps>,
     which: Which,
     clock: &mut Clock<'_>,
 ) -> Result<Vec<FaceMeasurement>, Reject> {
     let (width, height, redness) = half_redness(frame);
     let diagonals = grid_search::diagonals(calibration);
-    let maps = diagonals.map(|d: Diagonal| ridge_map(width, height, &redness, d));
+    let ridges = diagonals.map(|d: Diagonal| ridge_map(width, height, &redness, d));
     clock.lap("ridge");
-    let planes = grid_search::find_planes(calibration, &maps[0], &maps[1], PLANES);
+    let evidence = LaserId::ALL.map(|id| {
+        let ridge = &ridges[id.index() / 2];
+        maps.map_or_else(|| Evidence::ridge(ridge), |maps| Evidence::with_network(ridge, maps, id))
+    });
+    let planes = grid_search::find_planes(calibration, &evidence, PLANES);
     clock.lap("grid");
     let mut refusal: Option<(f32, Reject)> = None;
     for hypothesis in &planes {
-        let result = measure_on_plane(frame, calibration, settings, hypothesis, which, clock);
+        let result = measure_on_plane(frame, calibration, settings, maps, hypothesis, which, clock);
         match result {
             Ok(faces) => return Ok(faces),
             Err(reject) => {
@@ -111,7 +124,7 @@ fn face_stages(
             Err(reject)
         }
         other => {
-            let missing = grid_search::three_stripes(calibration, &maps[0], &maps[1]);
+            let missing = grid_search::three_stripes(calibration, &ridges[0], &ridges[1]);
             clock.lap("grid");
             Err(match (missing, other) {
                 (Some(laser), _) => Reject::StripeMissing { laser, stripes_on_face: 3 },
@@ -126,18 +139,28 @@ fn measure_on_plane(
     frame: &Frame,
     calibration: &Calibration,
     settings: &Settings,
+    maps: Option<&FaceMaps>,
     hypothesis: &GridHypothesis,
     which: Which,
     clock: &mut Clock<'_>,
 ) -> Result<Vec<FaceMeasurement>, Reject> {
-    let face = follow_stripes(frame, calibration, &hypothesis.plane);
+    let inner = inner_segments(frame, calibration, &hypothesis.plane);
+    clock.lap("stripes");
+    let inner = inner.ok_or_else(|| no_box(0.0))?;
+    let outline = maps.map(|maps| seen_outline(calibration, &inner.plane, maps)).transpose()?;
+    clock.lap("outline");
+    let limits = outline.as_ref().and_then(|o| limits(calibration, o));
+    let face = follow_stripes(frame, calibration, &inner, limits.as_ref());
     clock.lap("stripes");
     let face = face.ok_or_else(|| no_box(0.0))?;
     check_stripes(&face)?;
-    let roughs = hypothesize(frame, calibration, &face, which);
+    let roughs = match &outline {
+        Some(outline) => snap_to_image(frame, calibration, &face, outline).map(|rough| vec![rough]),
+        None => hypothesize(frame, calibration, &face, which),
+    };
     clock.lap("sides");
     let detector: &dyn EdgeDetector = match settings.edges {
-        EdgeMethod::Gradient => &GradientDetector,
+        EdgeMethod::Net | EdgeMethod::Gradient => &GradientDetector,
         EdgeMethod::Hough => &HoughDetector,
     };
     let mut faces = Vec::new();
@@ -155,6 +178,24 @@ fn measure_on_plane(
         }
     }
     Ok(faces)
+}
+
+/// Mean probability of an edge along each side that the network must see, and the overlap of the rectangle with its mask.
+const MIN_MAP_SUPPORT: f32 = 0.15;
+const MIN_MAP_OVERLAP: f32 = 0.6;
+
+/// The face's outline in the maps, if it is clear enough.
+fn seen_outline(
+    calibration: &Calibration,
+    plane: &Plane<Cam>,
+    maps: &FaceMaps,
+) -> Result<MapOutline, Reject> {
+    let outline = map_outline(calibration, plane, maps).ok_or(Reject::RectangleOpen { sides_found: 0 })?;
+    let seen = outline.support.iter().filter(|s| **s >= MIN_MAP_SUPPORT).count();
+    if seen < 4 || outline.overlap < MIN_MAP_OVERLAP {
+        return Err(Reject::RectangleOpen { sides_found: seen as u8 });
+    }
+    Ok(outline)
 }
 
 /// Every stripe must be seen on the plane, and the centres must scatter as they should.
@@ -196,7 +237,8 @@ pub fn measure_box(
         (FaceOutcome::Measured(a), FaceOutcome::Measured(b)) => cuboid::assemble(a, b, settings.choose),
         (FaceOutcome::Rejected(r), _) | (_, FaceOutcome::Rejected(r)) => Outcome::Rejected(r.clone()),
     };
-    if !matches!(outcome, Outcome::Rejected(Reject::SidesDisagree { .. })) {
+    let with_network = settings.network.is_some() && settings.edges != EdgeMethod::Gradient;
+    if with_network || !matches!(outcome, Outcome::Rejected(Reject::SidesDisagree { .. })) {
         return Ok(BoxReport { outcome, faces: [a, b] });
     }
     let agreed = with_alternatives([first, second], calibration, settings, times);
@@ -212,8 +254,9 @@ fn with_alternatives(
     times: &mut StageTimes,
 ) -> Option<BoxReport> {
     let mut clock = Clock { since: Instant::now(), times };
-    let [first, second] = frames
-        .map(|frame| face_stages(frame, calibration, settings, Which::WithAlternatives, &mut clock).ok());
+    let [first, second] = frames.map(|frame| {
+        face_stages(frame, calibration, settings, None, Which::WithAlternatives, &mut clock).ok()
+    });
     let (first, second) = (first?, second?);
     let mut found: Option<BoxReport> = None;
     for (i, a) in first.iter().enumerate() {

@@ -31,7 +31,7 @@ fn head(width: usize, height: usize) -> Calibration {
     Calibration::new("test", [width as u32, height as u32], camera, planes).expect("a valid head")
 }
 
-fn all_settings() -> [Settings; 4] {
+fn all_settings() -> [Settings<'static>; 4] {
     let settings = |method, edges| Settings { method, edges, ..Settings::default() };
     [
         settings(Method::Fit, EdgeMethod::Gradient),

@@ -15,8 +15,8 @@ pub(crate) struct StripeEnd {
     pub at: Px,
     /// Half the uncertain stretch, px along the stripe.
     pub uncertainty_px: f64,
-    /// The stripe runs on to the image border: its end was not seen.
-    pub at_border: bool,
+    /// The stripe runs on to the image border, or to where it was looked for: its end was not seen.
+    pub runs_on: bool,
 }
 
 /// A stripe on the face's plane.
@@ -113,55 +113,80 @@ pub(crate) fn crossing_lasers(id: LaserId) -> [LaserId; 2] {
     if id.number() <= 2 { [l3, l4] } else { [l1, l2] }
 }
 
-/// Refines the plane of a hypothesis and follows its stripes to their ends. `None` if the stripes do not hold it.
-pub(crate) fn follow_stripes(
+/// What the inner segments of the four stripes (between their crossings) tell.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct InnerSegments {
+    pub plane: Plane<Cam>,
+    half_width_px: f64,
+    rows: [usize; 4],
+    usual: f64,
+}
+
+/// Refines the plane of a hypothesis on the inner segments alone: whatever lies around the face cannot mislead them.
+/// `None` if the stripes do not hold it.
+pub(crate) fn inner_segments(
     frame: &Frame,
     calibration: &Calibration,
     start: &Plane<Cam>,
-) -> Option<FaceStripes> {
-    let mut plane = *start;
-    let mut settings = TraceSettings {
-        rows: 16,
-        search_px: 10.0,
-        min_signal_to_noise: 3.0,
-        half_width_px: FIRST_HALF_WIDTH_PX,
-        estimator: Estimator::CentreOfGravity,
-    };
-    let mut rows = [16; 4];
-    let mut usual = 0.0;
-    // First the inner segments alone: whatever lies around the face cannot mislead them.
+) -> Option<InnerSegments> {
+    let mut inner =
+        InnerSegments { plane: *start, half_width_px: FIRST_HALF_WIDTH_PX, rows: [16; 4], usual: 0.0 };
     for search_px in [10.0, 6.0, 4.0] {
-        settings.search_px = search_px;
         let mut pieces = Vec::with_capacity(4);
         for id in LaserId::ALL {
-            pieces.push(inner_segment(calibration, &plane, id)?);
+            pieces.push(inner_segment(calibration, &inner.plane, id)?);
         }
-        settings.half_width_px =
-            measure_half_width_px(frame, calibration, &pieces).unwrap_or(settings.half_width_px);
+        inner.half_width_px =
+            measure_half_width_px(frame, calibration, &pieces).unwrap_or(inner.half_width_px);
         let mut traces = Vec::with_capacity(4);
         for (id, (line, range, from)) in LaserId::ALL.into_iter().zip(pieces) {
-            settings.rows = rows[id.index()];
+            let settings = inner.settings(id, search_px);
             let points = trace(frame, calibration, &line, range, from, &settings);
-            rows[id.index()] = rows_for(&points, settings.rows);
+            inner.rows[id.index()] = rows_for(&points, settings.rows);
             traces.push(points);
         }
-        usual = usual_amplitude(&traces)?;
+        inner.usual = usual_amplitude(&traces)?;
         let mut observations = Vec::new();
         for (id, points) in LaserId::ALL.into_iter().zip(&traces) {
-            observations.extend(centres(id, points, usual));
+            observations.extend(centres(id, points, inner.usual));
         }
-        plane = fit_without_a_liar(calibration, &observations, &plane)?;
+        inner.plane = fit_without_a_liar(calibration, &observations, &inner.plane)?;
     }
-    // Then outwards in steps: longer stripes fix the plane better, a better plane predicts farther.
+    Some(inner)
+}
+
+impl InnerSegments {
+    fn settings(&self, id: LaserId, search_px: f64) -> TraceSettings {
+        TraceSettings {
+            rows: self.rows[id.index()],
+            search_px,
+            min_signal_to_noise: 3.0,
+            half_width_px: self.half_width_px,
+            estimator: Estimator::CentreOfGravity,
+        }
+    }
+}
+
+/// Places on each stripe between which it is looked for; in the order of the lasers.
+pub(crate) type Limits = [[Px; 2]; 4];
+
+/// Follows the stripes outwards in steps: longer stripes fix the plane better, a better plane predicts farther. `None` if
+/// the stripes do not hold the plane.
+pub(crate) fn follow_stripes(
+    frame: &Frame,
+    calibration: &Calibration,
+    inner: &InnerSegments,
+    limits: Option<&Limits>,
+) -> Option<FaceStripes> {
+    let mut plane = inner.plane;
     let mut result = None;
     for pass in PASSES {
-        settings.search_px = pass.search_px;
         let mut observations = Vec::new();
         let mut stripes = Vec::with_capacity(4);
         for id in LaserId::ALL {
-            settings.rows = rows[id.index()];
-            let stripe = follow(frame, calibration, &plane, id, usual, pass, &settings)?;
-            observations.extend(centres(id, &stripe.points[stripe.on_plane.clone()], usual));
+            let limits = limits.map(|l| l[id.index()]);
+            let stripe = follow(frame, calibration, &plane, id, inner, pass, limits)?;
+            observations.extend(centres(id, &stripe.points[stripe.on_plane.clone()], inner.usual));
             stripes.push(stripe);
         }
         let fit = fit_plane(calibration, &observations, &plane)?;
@@ -169,8 +194,8 @@ pub(crate) fn follow_stripes(
         result = Some(FaceStripes {
             fit,
             stripes: stripes.try_into().ok()?,
-            half_width_px: settings.half_width_px,
-            usual,
+            half_width_px: inner.half_width_px,
+            usual: inner.usual,
         });
     }
     result
@@ -255,10 +280,12 @@ fn follow(
     calibration: &Calibration,
     plane: &Plane<Cam>,
     id: LaserId,
-    usual: f64,
+    known: &InnerSegments,
     pass: &Pass,
-    settings: &TraceSettings,
+    limits: Option<[Px; 2]>,
 ) -> Option<FaceStripe> {
+    let settings = &known.settings(id, pass.search_px);
+    let usual = known.usual;
     let (line, inner, first) = inner_segment(calibration, plane, id)?;
     let size = match line.walk {
         Walk::Rows => frame.height_px(),
@@ -266,7 +293,10 @@ fn follow(
     } as f64;
     let other = line.walk.across(first);
     let reach = pass.reach * (inner.end - inner.start);
-    let range = (inner.start - reach).max(0.0)..(inner.end + reach).min(size);
+    let mut range = (inner.start - reach).max(0.0)..(inner.end + reach).min(size);
+    if let Some([p, q]) = limits.map(|l| l.map(|px| line.walk.along(px))) {
+        range = range.start.max(p.min(q))..range.end.min(p.max(q));
+    }
     let start = line.px_at(calibration, range.start, other)?.0;
     let points = trace(frame, calibration, &line, range, start, settings);
     if points.is_empty() {
@@ -309,7 +339,7 @@ fn follow(
     let unseen = (1.0 - seen_share).clamp(0.01, 0.9);
     let spacing = settings.rows as f64 * (1.0 + 0.05f64.ln() / unseen.ln());
     let place = |inside: usize, outside: Option<usize>| {
-        let (at, at_border) = match outside {
+        let (at, runs_on) = match outside {
             Some(o) => {
                 let middle = 0.5 * (points[inside].along_px + points[o].along_px);
                 (middle, false)
@@ -318,7 +348,7 @@ fn follow(
         };
         let guess = line.walk.across(points[inside].predicted);
         let px = line.px_at(calibration, at, guess).map_or(points[inside].predicted, |(px, _)| px);
-        StripeEnd { at: px, uncertainty_px: spacing, at_border }
+        StripeEnd { at: px, uncertainty_px: spacing, runs_on }
     };
     let ends = [place(begin, begin.checked_sub(1)), place(end - 1, (end < points.len()).then_some(end))];
     Some(FaceStripe { ends, points, on_plane: begin..end, inner_share, seen_share })

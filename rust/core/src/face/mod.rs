@@ -2,6 +2,7 @@
 //! ([`raster`]) and its four sides ([`outline`]).
 
 pub(crate) mod extent;
+pub(crate) mod map_outline;
 pub(crate) mod outline;
 pub(crate) mod plane_fit;
 pub(crate) mod raster;

@@ -33,6 +33,14 @@ impl PlaneRaster {
         Self { axis_a: self.axis_a * c + self.axis_b * s, axis_b: self.axis_b * c - self.axis_a * s, ..*self }
     }
 
+    /// The raster on a plane a little different: same pixel at the origin, same direction.
+    pub fn on(&self, plane: &Plane<Cam>) -> Self {
+        let (normal, _) = plane.normal_and_distance_mm();
+        let along = self.origin * (1.0 / plane.per_mm.dot(&self.origin));
+        let axis_a = (self.axis_a - normal * normal.dot(&self.axis_a)).normalize();
+        Self { plane: *plane, origin: along, axis_a, axis_b: normal.cross(&axis_a) }
+    }
+
     /// Where a pixel sees the plane.
     pub fn on_plane(&self, calibration: &Calibration, px: Px) -> Option<OnPlane> {
         Some(self.of_cam(&self.plane.intersect(&calibration.camera().ray_from_px(px))?))

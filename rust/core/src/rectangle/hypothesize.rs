@@ -3,10 +3,12 @@
 
 use crate::calibration::Calibration;
 use crate::edges::side_scan::{EdgeCandidate, ScanRange, SideScan};
-use crate::face::extent::{FaceStripes, crossing_lasers, crossing_px};
+use crate::face::extent::{FaceStripes, Limits, crossing_lasers, crossing_px};
+use crate::face::map_outline::MapOutline;
 use crate::face::outline::{Across, RoughRectangle, SIDES, span_mm};
 use crate::face::raster::{OnPlane, PlaneRaster};
 use crate::image::Frame;
+use crate::rectangle::key_points::crossing_on;
 use crate::reject::Reject;
 use crate::units::{LaserId, Px};
 use std::collections::BTreeMap;
@@ -39,7 +41,7 @@ const DRIFT_PX: f64 = 8.0;
 struct End {
     at: OnPlane,
     px: Px,
-    at_border: bool,
+    runs_on: bool,
     uncertainty_px: f64,
 }
 
@@ -69,7 +71,7 @@ pub(crate) fn hypothesize(
     }
     let found = sides.iter().filter(|s| !s.is_empty()).count();
     if found < 4 {
-        let any_border = ends.iter().zip(&sides).any(|(e, s)| s.is_empty() && e.iter().any(|x| x.at_border));
+        let any_border = ends.iter().zip(&sides).any(|(e, s)| s.is_empty() && e.iter().any(|x| x.runs_on));
         return Err(if any_border {
             cut_or_open(&ends, frame)
         } else {
@@ -89,6 +91,109 @@ pub(crate) enum Which {
     /// two faces, and only the other frame can tell.
     WithAlternatives,
 }
+
+/// Scatter of a side in a network's maps, pixels of the maps: it finds lines to 2 px of a picture 512 px wide (p90).
+const MAP_SIGMA: f64 = 0.6;
+/// Farthest from the side in the maps that the image's edge is looked for, pixels of the maps.
+const MAP_REACH: f64 = 2.5;
+
+/// Finds the rectangle when a network has said which one it is: the image's edges beside its sides compete.
+pub(crate) fn snap_to_image(
+    frame: &Frame,
+    calibration: &Calibration,
+    face: &FaceStripes,
+    outline: &MapOutline,
+) -> Result<RoughRectangle, Reject> {
+    let open = |found: usize| Reject::RectangleOpen { sides_found: found as u8 };
+    let (raster, px) = (outline.raster.on(&face.fit.plane), outline.mm_per_px);
+    let ends = ends_by_side(calibration, face, &raster).ok_or_else(|| open(0))?;
+    let reach = MAP_REACH * outline.px_per_raster_px * px;
+    let sigma = MAP_SIGMA * outline.px_per_raster_px * px;
+    let mut sides = Vec::with_capacity(4);
+    let mut flush = [false; 4];
+    for (side, ((across, high), pair)) in SIDES.into_iter().zip(&ends).enumerate() {
+        let offset = outline.offsets_mm[side];
+        // A stripe that ends beside the side says where, if it was seen all the way.
+        let (mut middle, mut weight) = (offset / (sigma * sigma), 1.0 / (sigma * sigma));
+        for end in pair.iter().filter(|e| !e.runs_on) {
+            let spread = (END_SIGMA_PX + 0.36 * end.uncertainty_px) * px;
+            let distance = across.offset(end.at) - offset;
+            if distance.abs() < 3.0 * spread.hypot(sigma) {
+                middle += across.offset(end.at) / (spread * spread);
+                weight += 1.0 / (spread * spread);
+            }
+        }
+        let (middle, spread) = (middle / weight, 1.5 * weight.sqrt().recip());
+        let sign = if high { 1.0 } else { -1.0 };
+        flush[side] = pair
+            .iter()
+            .all(|e| e.runs_on || sign * (across.offset(e.at) - offset) > 0.7 * LIMIT_BEYOND_PX * px);
+        let scan = SideScan::new(
+            frame,
+            calibration,
+            &raster,
+            &ScanRange {
+                across,
+                from_mm: offset - 1.6 * reach,
+                to_mm: offset + 1.6 * reach,
+                span_mm: span_mm(&outline.offsets_mm, side),
+                step_mm: 0.8 * px,
+            },
+        );
+        let near = |e: &EdgeCandidate| e.strength / (1.0 + ((e.offset_mm - middle) / spread).powi(2) as f32);
+        let mut edges: Vec<EdgeCandidate> = scan
+            .candidates(DRIFT_PX * px, APART_PX * px, LEAST_BESIDE_MAP, 8)
+            .into_iter()
+            .filter(|e| (e.offset_mm - middle).abs() <= reach)
+            .collect();
+        edges.sort_by(|x, y| near(y).total_cmp(&near(x)));
+        edges.truncate(KEEP);
+        sides.push(
+            edges
+                .iter()
+                .map(|e| Side {
+                    offset_mm: e.offset_mm,
+                    at_end: true,
+                    needed: LEAST_BESIDE_MAP,
+                    nearness: near(e),
+                })
+                .collect::<Vec<_>>(),
+        );
+    }
+    let found = sides.iter().filter(|s| !s.is_empty()).count();
+    if found < 4 {
+        return Err(open(found));
+    }
+    let mut rough = choose(frame, calibration, &raster, &sides, px, Which::Best)
+        .into_iter()
+        .next()
+        .ok_or_else(|| open(found))?;
+    rough.at_ends = flush.map(|f| !f);
+    Ok(rough)
+}
+
+/// Where each stripe is to be followed when the maps have shown the face: a little beyond its two sides.
+pub(crate) fn limits(calibration: &Calibration, outline: &MapOutline) -> Option<Limits> {
+    let beyond = LIMIT_BEYOND_PX * outline.mm_per_px;
+    let mut result = Vec::with_capacity(4);
+    for id in LaserId::ALL {
+        let mut pair = Vec::with_capacity(2);
+        for (side, (across, high)) in SIDES.into_iter().enumerate() {
+            if across.stripes().contains(&id) {
+                let offset = outline.offsets_mm[side] + if high { beyond } else { -beyond };
+                let along = crossing_on(calibration, &outline.raster, across, offset, id)?;
+                pair.push(outline.raster.pixel(calibration, across.at(offset, along))?);
+            }
+        }
+        result.push(pair.try_into().ok()?);
+    }
+    result.try_into().ok()
+}
+
+/// How far beyond the sides in the maps the stripes are followed, px: enough to see whether they leave the plane there.
+pub(crate) const LIMIT_BEYOND_PX: f64 = 40.0;
+/// Share of a side on which the image shows an edge where the network has one already.
+const LEAST_BESIDE_MAP: f32 = 0.2;
 
 struct Scale {
     mm_per_px: f64,
@@ -110,7 +215,7 @@ fn ends_by_side(
                 ends.push(End {
                     at: raster.on_plane(calibration, end.at)?,
                     px: end.at,
-                    at_border: end.at_border,
+                    runs_on: end.runs_on,
                     uncertainty_px: end.uncertainty_px,
                 });
             }
@@ -147,7 +252,7 @@ fn direction(ends: &[[End; 2]; 4], mm_per_px: f64) -> Option<f64> {
     let seen: Vec<_> = SIDES
         .iter()
         .zip(ends)
-        .filter(|(_, pair)| pair.iter().all(|e| !e.at_border))
+        .filter(|(_, pair)| pair.iter().all(|e| !e.runs_on))
         .filter_map(|((across, _), pair)| Some((*across, pair, angle_of(*across, pair)?)))
         .collect();
     let score = |angle: f64| -> f64 {
@@ -174,6 +279,8 @@ fn direction(ends: &[[End; 2]; 4], mm_per_px: f64) -> Option<f64> {
 struct Side {
     offset_mm: f64,
     at_end: bool,
+    /// Share of the side on which the image must show an edge.
+    needed: f32,
     /// Strength of the edge, less the farther it is from the stripes' ends.
     nearness: f32,
 }
@@ -218,7 +325,7 @@ fn side_candidates(
     );
     let edges = scan.candidates(DRIFT_PX * px, APART_PX * px, 0.3, 24);
     let tolerance = (END_TOLERANCE_PX + pair[0].uncertainty_px + pair[1].uncertainty_px) * px;
-    let consistent = pair.iter().all(|e| !e.at_border) && (offsets[0] - offsets[1]).abs() <= tolerance;
+    let consistent = pair.iter().all(|e| !e.runs_on) && (offsets[0] - offsets[1]).abs() <= tolerance;
     let mut sides = Vec::new();
     if consistent {
         let middle = 0.5 * sign * (offsets[0] + offsets[1]);
@@ -234,17 +341,18 @@ fn side_candidates(
         sides.extend(snapped.iter().map(|e| Side {
             offset_mm: e.offset_mm,
             at_end: true,
+            needed: SUPPORT_AT_ENDS,
             nearness: near(e),
         }));
         if sides.is_empty() {
-            sides.push(Side { offset_mm: middle, at_end: true, nearness: 0.0 });
+            sides.push(Side { offset_mm: middle, at_end: true, needed: SUPPORT_AT_ENDS, nearness: 0.0 });
         }
     }
     let at_ends = sides.clone();
     for e in edges.iter().filter(|e| e.strength >= SUPPORT_ALONE) {
         let apart = at_ends.iter().all(|s| (e.offset_mm - s.offset_mm).abs() > END_TOLERANCE_PX * px);
         if sides.len() < KEEP + KEEP_INSIDE && apart {
-            sides.push(Side { offset_mm: e.offset_mm, at_end: false, nearness: 0.0 });
+            sides.push(Side { offset_mm: e.offset_mm, at_end: false, needed: SUPPORT_ALONE, nearness: 0.0 });
         }
     }
     Some(sides)
@@ -343,8 +451,7 @@ impl Judge<'_> {
                 .entry(key)
                 .or_insert_with(|| support_of(frame, calibration, raster, &offsets_mm, s, mm_per_px))
         });
-        let needed = chosen.map(|s| if s.at_end { SUPPORT_AT_ENDS } else { SUPPORT_ALONE });
-        if support.iter().zip(needed).any(|(s, n)| *s < n) {
+        if support.iter().zip(&chosen).any(|(s, side)| *s < side.needed) {
             return None;
         }
         // Where the stripes end and an edge is seen, that edge is the face's: other lines count only elsewhere.
@@ -397,8 +504,8 @@ fn support_of(
 /// The refusal when sides are missing: cut by the border if a stripe runs out of the image, open otherwise.
 fn cut_or_open(ends: &[[End; 2]; 4], frame: &Frame) -> Reject {
     let _ = frame;
-    let cut: Vec<&[End; 2]> = ends.iter().filter(|pair| pair.iter().any(|e| e.at_border)).collect();
-    match cut.first().and_then(|pair| pair.iter().find(|e| e.at_border)) {
+    let cut: Vec<&[End; 2]> = ends.iter().filter(|pair| pair.iter().any(|e| e.runs_on)).collect();
+    match cut.first().and_then(|pair| pair.iter().find(|e| e.runs_on)) {
         Some(end) => Reject::FaceCutByBorder { sides_cut: cut.len() as u8, at: end.px },
         None => Reject::RectangleOpen { sides_found: ends.len() as u8 - 1 },
     }

@@ -8,8 +8,9 @@
 
 use crate::calibration::Calibration;
 use crate::frames::{Cam, Plane, Ray};
-use crate::image::redness::{Diagonal, RidgeMap, Z_STEPS};
-use crate::units::LaserId;
+use crate::image::redness::{Diagonal, RidgeMap, Z_CLIP, Z_STEPS};
+use crate::network::{Channel, FaceMaps};
+use crate::units::{LaserId, Px};
 use nalgebra::{Matrix3, Vector3};
 
 /// A plane on which the stripe grid was found.
@@ -48,6 +49,62 @@ const MIN_SEGMENT: f32 = 0.05;
 /// No segment that was sampled.
 const NONE: f32 = -9.0;
 
+/// What speaks for one laser's stripe at a pixel: the ridge of its pair and, if there is a network, what that says of this
+/// very laser.
+pub(crate) struct Evidence<'a> {
+    ridge: &'a RidgeMap,
+    network: Option<Layer>,
+}
+
+/// A network's map in the steps of the ridge map.
+struct Layer {
+    width: usize,
+    height: usize,
+    scale: [f32; 2],
+    steps: Vec<i8>,
+}
+
+/// Sigmas of ridge that one unit of the network's log-odds is worth, and the most that counts: two sigmas for or against,
+/// less than the three that a clear ridge has, so that neither overrules the other alone.
+const SIGMAS_PER_LOGIT: f32 = 0.5;
+const MOST_LOGIT: f32 = 4.0;
+
+impl<'a> Evidence<'a> {
+    /// The ridge alone.
+    pub fn ridge(ridge: &'a RidgeMap) -> Self {
+        Self { ridge, network: None }
+    }
+
+    /// The ridge and a network's map of `laser`.
+    pub fn with_network(ridge: &'a RidgeMap, maps: &FaceMaps, laser: LaserId) -> Self {
+        let [width, height] = maps.size();
+        let (zero, one) = (maps.raster_from_px(Px::new(0.0, 0.0)), maps.raster_from_px(Px::new(1.0, 1.0)));
+        let steps = maps.channel(Channel::Laser(laser)).iter().map(|p| {
+            let logit = (p.max(1e-6) / (1.0 - p).max(1e-6)).ln();
+            (logit.clamp(-MOST_LOGIT, MOST_LOGIT) * SIGMAS_PER_LOGIT * Z_STEPS) as i8
+        });
+        let scale = [0, 1].map(|i| (one[i] - zero[i]) as f32);
+        Self { ridge, network: Some(Layer { width, height, scale, steps: steps.collect() }) }
+    }
+
+    /// The most that a segment can have, sigmas.
+    fn most(&self) -> f32 {
+        Z_CLIP + if self.network.is_some() { MOST_LOGIT * SIGMAS_PER_LOGIT } else { 0.0 }
+    }
+
+    /// Sigmas times [`Z_STEPS`].
+    #[inline]
+    fn at_px(&self, u: f32, v: f32) -> i32 {
+        let ridge = self.ridge.at_px(u, v);
+        let Some(layer) = &self.network else { return ridge };
+        let (i, j) = (((u + 0.5) * layer.scale[0]) as usize, ((v + 0.5) * layer.scale[1]) as usize);
+        if i >= layer.width || j >= layer.height {
+            return ridge;
+        }
+        ridge + i32::from(layer.steps[j * layer.width + i])
+    }
+}
+
 /// The crossing of two stripes at each level of inverse depth.
 struct Crossing {
     /// (x, y) = origin + w * slope in the ideal image.
@@ -71,12 +128,10 @@ fn crossing_line(calibration: &Calibration, i: LaserId, j: LaserId) -> ([f64; 2]
     (solve(-p.z, -q.z), solve(1.0, 1.0))
 }
 
-/// The best planes, strongest first, at most `keep`, distinct in the image. The maps belong to the pair of lasers 1, 2 and
-/// the pair 3, 4.
+/// The best planes, strongest first, at most `keep`, distinct in the image. One evidence a laser.
 pub(crate) fn find_planes(
     calibration: &Calibration,
-    first_pair: &RidgeMap,
-    second_pair: &RidgeMap,
+    evidence: &[Evidence; 4],
     keep: usize,
 ) -> Vec<GridHypothesis> {
     let [l1, l2, l3, l4] = LaserId::ALL;
@@ -102,7 +157,7 @@ pub(crate) fn find_planes(
         crossing
     });
     let [c13, c14, c23, c24] = &crossings;
-    let table = |from: &Crossing, to: &Crossing, map: &RidgeMap| {
+    let table = |from: &Crossing, to: &Crossing, map: &Evidence| {
         let mut e = vec![NONE; levels * levels];
         for n in 0..levels {
             let Some(a) = from.px[n] else { continue };
@@ -124,10 +179,10 @@ pub(crate) fn find_planes(
         }
         e
     };
-    let e1 = table(c13, c14, first_pair);
-    let e2 = table(c23, c24, first_pair);
-    let e3 = table(c13, c23, second_pair);
-    let e4 = table(c14, c24, second_pair);
+    let e1 = table(c13, c14, &evidence[0]);
+    let e2 = table(c23, c24, &evidence[1]);
+    let e3 = table(c13, c23, &evidence[2]);
+    let e4 = table(c14, c24, &evidence[3]);
 
     let mut best = Best::new(keep);
     for n13 in 0..levels {
@@ -139,7 +194,7 @@ pub(crate) fn find_planes(
             for &n23 in &row3 {
                 let x23 = c23.ray(w_of(n23));
                 let (s1, s3) = (e1[n13 * levels + n14], e3[n13 * levels + n23]);
-                if s1 + s3 + 6.0 <= best.floor() {
+                if s1 + s3 + 2.0 * evidence[0].most() <= best.floor() {
                     continue; // even two perfect segments would not be enough
                 }
                 let rows = Matrix3::from_rows(&[x13.transpose(), x14.transpose(), x23.transpose()]);
@@ -173,7 +228,7 @@ pub(crate) fn find_planes(
 }
 
 /// Mean of the map along the parabola through three pixels, sigmas.
-fn mean_along(map: &RidgeMap, a: [f32; 2], middle: [f32; 2], b: [f32; 2], every_px: f32) -> f32 {
+fn mean_along(map: &Evidence, a: [f32; 2], middle: [f32; 2], b: [f32; 2], every_px: f32) -> f32 {
     let length = (b[0] - a[0]).hypot(b[1] - a[1]);
     let count = (length / every_px).ceil().max(8.0);
     let bend = [0, 1].map(|i| middle[i] - 0.5 * (a[i] + b[i]));
@@ -243,6 +298,7 @@ pub(crate) fn three_stripes(
     first_pair: &RidgeMap,
     second_pair: &RidgeMap,
 ) -> Option<LaserId> {
+    let (first_pair, second_pair) = (&Evidence::ridge(first_pair), &Evidence::ridge(second_pair));
     let camera = calibration.camera();
     let [l1, l2, l3, l4] = LaserId::ALL;
     let px = |x: Vector3<f64>| camera.px_from_ray(&Ray::new(x.x, x.y)).map(|p| [p.u as f32, p.v as f32]);

@@ -1,0 +1,264 @@
+//! The face's rectangle in a network's maps, on a plane that the stripes gave: direction and four sides to a pixel or so of
+//! the maps. Flush neighbours, print and clutter are told apart here; the exact place of each side comes from the frame.
+
+use super::extent::crossing_px;
+use super::outline::{Across, SIDES, span_mm};
+use super::raster::{OnPlane, PlaneRaster};
+use crate::calibration::Calibration;
+use crate::frames::{Cam, Plane};
+use crate::network::{Channel, FaceMaps};
+use crate::units::LaserId;
+
+/// A rectangle seen in the maps.
+#[derive(Clone, Debug)]
+pub(crate) struct MapOutline {
+    pub raster: PlaneRaster,
+    /// Offsets of the sides in the order of [`SIDES`], mm.
+    pub offsets_mm: [f64; 4],
+    /// Size of a frame pixel on the face, mm.
+    pub mm_per_px: f64,
+    /// Frame pixels per pixel of the maps.
+    pub px_per_raster_px: f64,
+    /// Mean probability of an edge along each side, 0 to 1.
+    pub support: [f32; 4],
+    /// Overlap of the rectangle with the mask of the face (intersection over union).
+    pub overlap: f32,
+}
+
+/// Largest angle between a stripe and the box's edge, as for the stripes' ends: the head is rolled by eye.
+const MAX_ANGLE_DEG: i32 = 32;
+/// Probability from which a pixel counts as edge, and as face.
+const LEAST_EDGE: f32 = 0.15;
+const LEAST_MASK: f32 = 0.5;
+/// Peaks kept a side; more are print.
+const PEAKS: usize = 3;
+/// Distance of two peaks, pixels of the maps: a line is 1.9 px wide at half its height.
+const APART: f64 = 2.5;
+/// Edge pixels nearer than this to a side, in pixels of the maps, are its own; first and last step of the fit.
+const NEAR: [f64; 5] = [4.0, 3.0, 2.5, 2.0, 1.5];
+/// Samples along a side.
+const SAMPLES: usize = 48;
+
+/// A pixel of the maps on the plane.
+struct Spot {
+    at: OnPlane,
+    weight: f64,
+}
+
+/// Finds the rectangle. `None` if the maps show no face on this plane.
+pub(crate) fn map_outline(
+    calibration: &Calibration,
+    plane: &Plane<Cam>,
+    maps: &FaceMaps,
+) -> Option<MapOutline> {
+    let [l1, l2, l3, l4] = LaserId::ALL;
+    let at = crossing_px(calibration, plane, l1, l3)?;
+    let base = PlaneRaster::new(calibration, plane, at, crossing_px(calibration, plane, l1, l4)?)?;
+    let mm_per_px = base.mm_per_px(calibration, OnPlane::zeros())?;
+    let unit = mm_per_px * maps.px_per_raster_px();
+    let spots = |channel: Channel, least: f32, every: usize| {
+        let [width, height] = maps.size();
+        let map = maps.channel(channel);
+        let mut found = Vec::new();
+        for y in (0..height).step_by(every) {
+            for x in (0..width).step_by(every) {
+                let value = map[y * width + x];
+                if value >= least
+                    && let Some(at) = base.on_plane(calibration, maps.px_from_raster(x as f64, y as f64))
+                {
+                    found.push(Spot { at, weight: f64::from(value) });
+                }
+            }
+        }
+        found
+    };
+    let edges = spots(Channel::FaceEdge, LEAST_EDGE, 1);
+    let mask = spots(Channel::FaceMask, LEAST_MASK, 2);
+    if edges.len() < SAMPLES || mask.len() < SAMPLES {
+        return None;
+    }
+    let crossings: Vec<OnPlane> = [(l1, l3), (l1, l4), (l2, l3), (l2, l4)]
+        .into_iter()
+        .filter_map(|(i, j)| base.on_plane(calibration, crossing_px(calibration, plane, i, j)?))
+        .collect();
+    let angle_deg = (-MAX_ANGLE_DEG..=MAX_ANGLE_DEG).max_by(|a, b| {
+        sharpness(&edges, &crossings, *a, unit).total_cmp(&sharpness(&edges, &crossings, *b, unit))
+    })?;
+    let angle = f64::from(angle_deg).to_radians();
+    let peaks = [0, 1, 2, 3].map(|side| peaks(&profile(&edges, &crossings, angle, side, unit)));
+    let mut best: Option<(f32, Candidate)> = None;
+    let mut pick = [0; 4];
+    while pick[3] < peaks[3].len() {
+        let chosen = [0, 1, 2, 3].map(|s| peaks[s].get(pick[s]).copied());
+        if let [Some(a0), Some(a1), Some(b0), Some(b1)] = chosen {
+            let candidate = Candidate { angle, offsets_mm: [a0, a1, b0, b1] };
+            let score = candidate.score(calibration, &base, maps, &mask, unit);
+            if best.as_ref().is_none_or(|(s, _)| score > *s) {
+                best = Some((score, candidate));
+            }
+        }
+        for (s, p) in pick.iter_mut().enumerate() {
+            *p += 1;
+            if *p < peaks[s].len() || s == 3 {
+                break;
+            }
+            *p = 0;
+        }
+    }
+    let (_, candidate) = best?;
+    let candidate = candidate.fitted(&edges, unit);
+    let raster = base.turned(candidate.angle);
+    Some(MapOutline {
+        support: [0, 1, 2, 3].map(|side| candidate.support(calibration, &base, maps, side)),
+        overlap: candidate.overlap(&mask, unit),
+        raster,
+        offsets_mm: candidate.offsets_mm,
+        mm_per_px,
+        px_per_raster_px: maps.px_per_raster_px(),
+    })
+}
+
+fn turned(at: OnPlane, angle: f64) -> OnPlane {
+    let (s, c) = angle.sin_cos();
+    OnPlane::new(at.x * c + at.y * s, at.y * c - at.x * s)
+}
+
+/// Edge weight over the offset of one side, beyond the outermost crossing of stripes; the first number is the offset of
+/// the first bin, bins are half a pixel of the maps.
+struct Profile {
+    sign: f64,
+    start_mm: f64,
+    bin_mm: f64,
+    sums: Vec<f64>,
+}
+
+fn profile(edges: &[Spot], crossings: &[OnPlane], angle: f64, side: usize, unit: f64) -> Profile {
+    let (across, high) = SIDES[side];
+    let sign = if high { 1.0 } else { -1.0 };
+    let offset = |at: OnPlane| sign * across.offset(turned(at, angle));
+    let start_mm = crossings.iter().map(|c| offset(*c)).fold(f64::NEG_INFINITY, f64::max);
+    let bin_mm = 0.5 * unit;
+    let mut sums = vec![0.0; 1024];
+    for spot in edges {
+        let bin = (offset(spot.at) - start_mm) / bin_mm;
+        if bin >= 0.0
+            && let Some(sum) = sums.get_mut(bin as usize)
+        {
+            *sum += spot.weight;
+        }
+    }
+    let smooth = |i: usize| {
+        let at = |k: usize| sums.get(k).copied().unwrap_or(0.0);
+        at(i) + 0.7 * (at(i + 1) + if i > 0 { at(i - 1) } else { 0.0 })
+    };
+    let sums = (0..sums.len()).map(smooth).collect();
+    Profile { sign, start_mm, bin_mm, sums }
+}
+
+/// How concentrated the edges are on four lines at an angle.
+fn sharpness(edges: &[Spot], crossings: &[OnPlane], angle_deg: i32, unit: f64) -> f64 {
+    let angle = f64::from(angle_deg).to_radians();
+    (0..4)
+        .map(|side| {
+            profile(edges, crossings, angle, side, unit).sums.iter().fold(0.0, |a: f64, b| a.max(*b)).powi(2)
+        })
+        .sum()
+}
+
+/// Offsets of the strongest peaks, mm, strongest first.
+fn peaks(profile: &Profile) -> Vec<f64> {
+    let mut order: Vec<usize> = (0..profile.sums.len()).filter(|i| profile.sums[*i] > 0.0).collect();
+    order.sort_by(|a, b| profile.sums[*b].total_cmp(&profile.sums[*a]));
+    let mut kept: Vec<usize> = Vec::new();
+    for i in order {
+        if kept.len() == PEAKS {
+            break;
+        }
+        if kept.iter().all(|k| k.abs_diff(i) as f64 * 0.5 >= APART) {
+            kept.push(i);
+        }
+    }
+    kept.into_iter().map(|i| profile.sign * (profile.start_mm + (i as f64 + 0.5) * profile.bin_mm)).collect()
+}
+
+/// A rectangle: turned by an angle against the stripes, sides at offsets.
+#[derive(Clone, Copy)]
+struct Candidate {
+    angle: f64,
+    offsets_mm: [f64; 4],
+}
+
+impl Candidate {
+    fn score(
+        &self,
+        calibration: &Calibration,
+        base: &PlaneRaster,
+        maps: &FaceMaps,
+        mask: &[Spot],
+        unit: f64,
+    ) -> f32 {
+        let sides: f32 = (0..4).map(|side| self.support(calibration, base, maps, side)).sum();
+        sides + 4.0 * self.overlap(mask, unit)
+    }
+
+    /// Mean edge probability along a side.
+    fn support(&self, calibration: &Calibration, base: &PlaneRaster, maps: &FaceMaps, side: usize) -> f32 {
+        let raster = base.turned(self.angle);
+        let (from, to) = span_mm(&self.offsets_mm, side);
+        let value = |n: usize| {
+            let along = from + (to - from) * (n as f64 + 0.5) / SAMPLES as f64;
+            let px = raster.pixel(calibration, SIDES[side].0.at(self.offsets_mm[side], along));
+            px.map_or(0.0, |px| maps.at(Channel::FaceEdge, px))
+        };
+        (0..SAMPLES).map(value).sum::<f32>() / SAMPLES as f32
+    }
+
+    /// Intersection over union with the mask; `mask` holds one pixel in four.
+    fn overlap(&self, mask: &[Spot], unit: f64) -> f32 {
+        let [a0, a1, b0, b1] = self.offsets_mm;
+        let inside = mask
+            .iter()
+            .filter(|spot| {
+                let at = turned(spot.at, self.angle);
+                at.x > a0 && at.x < a1 && at.y > b0 && at.y < b1
+            })
+            .count() as f64;
+        // A tilted face has more pixels where it is near; the size of a pixel at the grid's middle stands for all.
+        let area = (a1 - a0) * (b1 - b0) / (4.0 * unit * unit);
+        (inside / (area.max(inside) + mask.len() as f64 - inside)) as f32
+    }
+
+    /// Least squares of angle and offsets to the edge pixels nearby.
+    fn fitted(mut self, edges: &[Spot], unit: f64) -> Self {
+        for near in NEAR {
+            let mut normal = nalgebra::SMatrix::<f64, 5, 5>::zeros();
+            let mut right = nalgebra::SVector::<f64, 5>::zeros();
+            for spot in edges {
+                let at = turned(spot.at, self.angle);
+                for (side, (across, _)) in SIDES.iter().enumerate() {
+                    let (from, to) = span_mm(&self.offsets_mm, side);
+                    let (off, along) = (across.offset(at) - self.offsets_mm[side], across.along(at));
+                    if off.abs() > near * unit || along < from || along > to {
+                        continue;
+                    }
+                    // Turning by d moves a point's offset by +-its place along the side.
+                    let lever = if *across == Across::A { along } else { -along };
+                    let mut row = nalgebra::SVector::<f64, 5>::zeros();
+                    row[0] = lever;
+                    row[1 + side] = -1.0;
+                    normal += row * row.transpose() * spot.weight;
+                    right -= row * (off * spot.weight);
+                }
+            }
+            let Some(step) = normal.cholesky().map(|c| c.solve(&right)) else { return self };
+            if !step.iter().all(|s| s.is_finite()) || step[0].abs() > 0.2 {
+                return self;
+            }
+            self.angle += step[0];
+            for (offset, s) in self.offsets_mm.iter_mut().zip(step.iter().skip(1)) {
+                *offset += s;
+            }
+        }
+        self
+    }
+}
