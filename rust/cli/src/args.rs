@@ -143,7 +143,7 @@ pub struct RenderArgs {
     #[arg(long, conflicts_with_all = ["out", "kind", "frames", "off", "head"])]
     pub stream: bool,
     /// Only say how fast --stream is
-    #[arg(long, requires = "stream")]
+    #[arg(long, requires = "stream", conflicts_with = "out")]
     pub time: bool,
     /// Print one JSON object
     #[arg(long)]

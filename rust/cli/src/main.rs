@@ -10,6 +10,8 @@ mod evaluate;
 mod input;
 mod measure;
 mod overlay;
+#[cfg(feature = "render")]
+mod render;
 mod text;
 
 use args::{Args, Command};
@@ -41,6 +43,8 @@ fn main() -> ExitCode {
         Command::Measure(args) => measure::measure(&args),
         Command::Face(args) => measure::face(&args),
         Command::Evaluate(args) => evaluate::evaluate(&args),
+        #[cfg(feature = "render")]
+        Command::Render(args) => render::render(&args),
     };
     match finished {
         Ok(Finished { stdout, exit_code }) => print(&stdout, exit_code),
@@ -49,6 +53,9 @@ fn main() -> ExitCode {
 }
 
 fn print(text: &str, exit_code: u8) -> ExitCode {
+    if text.is_empty() {
+        return ExitCode::from(exit_code); // the command has written its result itself
+    }
     let mut stdout = std::io::stdout().lock();
     match stdout.write_all(text.trim_end().as_bytes()).and_then(|()| stdout.write_all(b"\n")) {
         // A reader that has seen enough (`| head`) is no failure.

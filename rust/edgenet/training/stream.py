@@ -26,8 +26,8 @@ FORMAT = "boxline-stream/1"
 CHANNELS = ("L1", "L2", "L3", "L4", "spill", "face_edge", "other_edge", "face_mask", "corner")
 WORKSPACE = Path(__file__).resolve().parents[3]
 FAKE_COMMAND = f"{shlex.quote(sys.executable)} {shlex.quote(str(Path(__file__).with_name('fake.py')))} --seed {{seed}}"
-# cargo build --release -p boxline-sim --example stream
-DEFAULT_COMMAND = "target/release/examples/stream --seed {seed}"
+# cargo build --release -p boxline-cli
+DEFAULT_COMMAND = "target/release/boxline render --stream --seed {seed}"
 MAX_HEADER_BYTES = 4096
 MAX_META_BYTES = 1 << 20
 

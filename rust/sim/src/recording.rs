@@ -25,6 +25,19 @@ pub enum Kind {
     Refuse(usize),
 }
 
+/// What to write.
+#[derive(Clone, Copy, Debug)]
+pub struct Recipe {
+    /// Everything follows from it.
+    pub seed: u64,
+    /// Which frames.
+    pub kind: Kind,
+    /// Adds the frames with the lasers off.
+    pub with_off: bool,
+    /// The paper's head instead of a random one.
+    pub nominal_head: bool,
+}
+
 /// A frame as the head delivers it: 2592 x 1944, RGB bytes.
 #[must_use]
 pub fn full_frame(
@@ -60,19 +73,14 @@ pub fn jpeg(rgb: &[u8], seed: u64) -> Result<Vec<u8>, Error> {
     Ok(bytes)
 }
 
-/// Renders and writes the recording of a seed. `with_off` adds the frames with the lasers off.
+/// Renders and writes a recording into a folder, which is made if it is not there.
 ///
 /// # Errors
 /// A file cannot be written.
-pub fn write_recording(
-    folder: &Path,
-    seed: u64,
-    kind: Kind,
-    with_off: bool,
-    stock: &Stock,
-) -> Result<(), Error> {
+pub fn write_recording(folder: &Path, recipe: &Recipe, stock: &Stock) -> Result<(), Error> {
+    let Recipe { seed, kind, with_off, nominal_head } = *recipe;
     std::fs::create_dir_all(folder).map_err(|e| Error::file(folder, e))?;
-    let head = Head::random(&mut Rng::new(seed, 1))?;
+    let head = if nominal_head { Head::nominal()? } else { Head::random(&mut Rng::new(seed, 1))? };
     let mut rng = Rng::new(seed, 2);
     let mut scenes = Vec::new();
     match kind {
