@@ -38,7 +38,7 @@ pub fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Finished> {
         let recorded = Recorded::read(recording, truth)?;
         for &method in methods {
             progress.set_message(recorded.name.clone());
-            let settings = Settings { method, edges: args.edges.into(), choose: None };
+            let settings = Settings { method, edges: args.edges.into(), choose: None, network: None };
             scores.push(recorded.judge(&calibration, &settings, method)?);
             progress.inc(1);
         }
