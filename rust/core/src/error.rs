@@ -14,6 +14,10 @@ pub enum ErrorKind {
     InvalidFrame,
     /// A file of another kind has the wrong format or version.
     InvalidFile,
+    /// A network's file is broken, or its inputs and outputs are not those of an edge network.
+    ModelFile,
+    /// The library that runs networks cannot be loaded, or failed.
+    NetworkRuntime,
     /// Reading or writing failed.
     Io,
 }

@@ -3,13 +3,15 @@
     python export.py --run runs/boxnet --output ../models/boxnet.onnx
 
 Batch normalisation is folded into the convolutions; the graph takes `image` (1, 3, 384, 512; RGB 0..1) and gives `maps`
-(1, channels, 192, 256; probabilities), or the paper's averaged map at the input's size for HED and IHED.
+(1, channels, 192, 256; probabilities), or the paper's averaged map at the input's size for HED and IHED. Beside the file go
+its card (.md) and, as .check.json, some of torch's outputs on a made-up picture, with which the Rust tests compare.
 """
 
 import argparse
 import datetime
 import hashlib
 import json
+import shlex
 import sys
 import warnings
 from pathlib import Path
@@ -28,6 +30,7 @@ from stream import CHANNELS, Format
 
 OPSET = 17
 LARGEST_DIFFERENCE = 1e-4
+CHECK_STEP = 16  # every so many rows and columns of the outputs are kept
 
 
 def folded(model: nn.Module) -> nn.Module:
@@ -56,14 +59,28 @@ class Exported(nn.Module):
         return models.averaged(output) if isinstance(output, list) else output.sigmoid()
 
 
+def check_image(width: int, height: int) -> np.ndarray:
+    """A face with stripes in whole numbers, the same as in ../tests/network.rs (1, 3, height, width; 0..1)."""
+    c, y, x = np.meshgrid(np.arange(3), np.arange(height), np.arange(width), indexing="ij")
+    inside = (x >= 120) & (x < 400) & (y >= 70) & (y < 320)
+    base = np.where(inside, np.array([190, 150, 110])[c], np.array([60, 70, 80])[c])
+    down, up = (x + y) % 512, (x + 500 - y) % 512
+    stripe = (down == 390) | (down == 470) | (up == 380) | (up == 40)
+    levels = base + 60 * (stripe & (c == 0)) + (x * 7 + y * 13 + (x * y) % 31) % 23
+    return (np.minimum(levels, 255) / 255).astype(np.float32)[None]
+
+
 def export(model: nn.Module, path: Path, width: int = 512, height: int = 384) -> float:
     """Writes the file and returns the largest difference of its outputs to the unfolded model's in torch."""
     image = torch.from_numpy(fake.scene(7, Format(width, height, width // 2, height // 2, len(CHANNELS))).rgb.copy())
     image = image.permute(2, 0, 1)[None].float().div(255).contiguous()
     with torch.no_grad():
         expected = Exported(model.eval())(image).numpy()
+        kept = Exported(model)(torch.from_numpy(check_image(width, height)))[0, :, ::CHECK_STEP, ::CHECK_STEP]
     exported = Exported(folded(model)).eval().to(memory_format=torch.contiguous_format)
     path.parent.mkdir(parents=True, exist_ok=True)
+    check = {"step": CHECK_STEP, "values": [round(v, 6) for v in kept.flatten().tolist()]}
+    path.with_suffix(".check.json").write_text(json.dumps(check) + "\n")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that sizes become constants, which is wanted; that the exporter is the old one
         torch.onnx.export(
@@ -77,7 +94,8 @@ def export(model: nn.Module, path: Path, width: int = 512, height: int = 384) ->
 def card(path: Path, state: dict, validation: dict | None, difference: float) -> str:
     """What is known about the weights; what is not known says so."""
     options = state["options"]
-    data = "crude test scenes" if "fake.py" in options["render"] else f"`{options['render']}`"
+    command = " ".join(Path(word).name if word.startswith("/") else word for word in shlex.split(options["render"]))
+    data = "crude test scenes" if "fake.py" in command else f"`{command}`"
     lines = [
         f"# {path.stem}",
         "",

@@ -1,0 +1,171 @@
+//! Runs an ONNX file that turns one image into maps, on one of two runtimes. Knows nothing of what the maps mean.
+
+use crate::onnx_runtime::{self, OnnxSession};
+use crate::tract::TractPlan;
+use boxline::{Error, ErrorKind};
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+
+/// What runs the network.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum Runtime {
+    /// ONNX Runtime if its library is found, else tract. It is looked for where the variable `ORT_DYLIB_PATH` says, without it
+    /// next to the program, on Android also among the app's own libraries. One that is there but cannot be loaded is
+    /// an error.
+    #[default]
+    Auto,
+    /// ONNX Runtime, 1.17 or newer, from this library. A process can try one library only.
+    OnnxRuntime(PathBuf),
+    /// The engine inside the program.
+    Tract,
+}
+
+/// How a network is run.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Options {
+    /// What runs it.
+    pub runtime: Runtime,
+    /// Threads it may use, the caller's among them.
+    pub threads: NonZeroUsize,
+}
+
+/// The network is too small to keep more threads busy (and a phone has four fast cores).
+const MOST_THREADS: NonZeroUsize = NonZeroUsize::new(4).expect("4 is not 0");
+
+impl Default for Options {
+    /// Runtime as found, as many threads as the machine runs at once, at most four.
+    fn default() -> Self {
+        let threads = std::thread::available_parallelism().unwrap_or(NonZeroUsize::MIN).min(MOST_THREADS);
+        Self { runtime: Runtime::Auto, threads }
+    }
+}
+
+/// Largest side of input and output that is accepted: a file must not make the program take all memory.
+const MOST_PX: usize = 4096;
+
+/// A network ready to run, with its input buffer.
+pub struct Engine {
+    loaded: Loaded,
+    input_shape: [usize; 4],
+    output_shape: [usize; 4],
+}
+
+/// The two kinds.
+enum Loaded {
+    OnnxRuntime(OnnxSession),
+    Tract(TractPlan),
+}
+
+impl Engine {
+    /// Loads the bytes of an ONNX file with one input and one output, both of four fixed dimensions.
+    ///
+    /// # Errors
+    /// [`ErrorKind::ModelFile`] or [`ErrorKind::NetworkRuntime`].
+    pub fn load(model: &[u8], options: &Options) -> Result<Self, Error> {
+        let threads = options.threads.get();
+        let library = match &options.runtime {
+            Runtime::Auto => onnx_runtime::find()?,
+            Runtime::OnnxRuntime(path) => Some(onnx_runtime::load(path)?),
+            Runtime::Tract => None,
+        };
+        let loaded = match library {
+            Some(environment) => Loaded::OnnxRuntime(OnnxSession::load(&environment, model, threads)?),
+            None => Loaded::Tract(TractPlan::load(model, threads)?),
+        };
+        let [input_shape, output_shape] = match &loaded {
+            Loaded::OnnxRuntime(session) => session.shapes(),
+            Loaded::Tract(plan) => plan.shapes(),
+        };
+        Ok(Self { loaded, input_shape, output_shape })
+    }
+
+    /// Batch (1), channels (3), rows, columns.
+    #[must_use]
+    pub const fn input_shape(&self) -> [usize; 4] {
+        self.input_shape
+    }
+
+    /// Batch (1), maps, rows, columns.
+    #[must_use]
+    pub const fn output_shape(&self) -> [usize; 4] {
+        self.output_shape
+    }
+
+    /// `ONNX Runtime` or `tract`.
+    #[must_use]
+    pub const fn runtime_name(&self) -> &'static str {
+        match self.loaded {
+            Loaded::OnnxRuntime(_) => "ONNX Runtime",
+            Loaded::Tract(_) => "tract",
+        }
+    }
+
+    /// Where the input goes: one channel after the other, rows top to bottom.
+    pub fn input_mut(&mut self) -> &mut [f32] {
+        match &mut self.loaded {
+            Loaded::OnnxRuntime(session) => session.input_mut(),
+            Loaded::Tract(plan) => plan.input_mut(),
+        }
+    }
+
+    /// Runs the network on the input; gives the values of the output, laid out like the input.
+    ///
+    /// # Errors
+    /// [`ErrorKind::NetworkRuntime`]: the runtime failed.
+    pub fn run(&mut self) -> Result<Vec<f32>, Error> {
+        match &mut self.loaded {
+            Loaded::OnnxRuntime(session) => session.run(),
+            Loaded::Tract(plan) => plan.run(),
+        }
+    }
+}
+
+/// The shapes of a file's inputs and outputs, if they are those of one image and its maps. Negative: not fixed.
+pub(crate) fn checked_shapes(inputs: &[Vec<i64>], outputs: &[Vec<i64>]) -> Result<[[usize; 4]; 2], Error> {
+    let bad = |text: String| Err(Error::new(ErrorKind::ModelFile, text));
+    let ([input], [output]) = (inputs, outputs) else {
+        let text = format!(
+            "the network has {} inputs and {} outputs, one each is needed",
+            inputs.len(),
+            outputs.len()
+        );
+        return bad(text);
+    };
+    let as_sizes = |shape: &[i64]| -> Option<[usize; 4]> {
+        let sizes: Vec<usize> = shape.iter().filter_map(|d| usize::try_from(*d).ok()).collect();
+        <[usize; 4]>::try_from(sizes)
+            .ok()
+            .filter(|s| s[0] == 1 && s.iter().all(|n| (1..=MOST_PX).contains(n)))
+    };
+    match (as_sizes(input).filter(|s| s[1] == 3), as_sizes(output)) {
+        (Some(input), Some(output)) => Ok([input, output]),
+        (None, _) => bad(format!("the network's input is {input:?}, 1 x 3 x height x width is needed")),
+        (_, None) => bad(format!("the network's output is {output:?}, 1 x maps x height x width is needed")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_one_image_in_and_maps_out_of_it_are_accepted() {
+        let good = (vec![1, 3, 384, 512], vec![1, 9, 192, 256]);
+        let checked = |input: &[i64], output: &[i64]| checked_shapes(&[input.to_vec()], &[output.to_vec()]);
+        assert_eq!(checked(&good.0, &good.1).expect("good"), [[1, 3, 384, 512], [1, 9, 192, 256]]);
+        for input in [
+            &[1, 4, 384, 512][..],
+            &[2, 3, 384, 512],
+            &[1, 3, -1, 512],
+            &[1, 3, 384],
+            &[1, 3, 0, 4],
+            &[1, 3, 4, 1 << 40],
+        ] {
+            let e = checked(input, &good.1).expect_err("wrong input");
+            assert!(e.kind() == ErrorKind::ModelFile && e.to_string().contains("input is"), "{e}");
+        }
+        assert!(checked(&good.0, &[9, 192, 256]).is_err());
+        assert!(checked_shapes(&[], std::slice::from_ref(&good.1)).is_err());
+        assert!(checked_shapes(std::slice::from_ref(&good.0), &[good.1.clone(), good.1]).is_err());
+    }
+}

@@ -1,0 +1,183 @@
+//! The network that ships, on both runtimes: the same maps as in training, on any frame, and no panic on any file.
+//!
+//! ONNX Runtime is tested where `ORT_DYLIB_PATH` names its library.
+#![allow(clippy::unwrap_used)] // the helpers of tests are tests
+
+use boxline::network::{Channel, FaceMaps, Network};
+use boxline::{ErrorKind, Frame};
+use boxline_edgenet::{EdgeNet, Engine, Options, Runtime};
+use std::num::NonZeroUsize;
+use std::path::Path;
+
+const MODEL: &[u8] = include_bytes!("../models/boxnet.onnx");
+
+fn options(runtime: Runtime) -> Options {
+    Options { runtime, threads: NonZeroUsize::MIN }
+}
+
+fn onnx_runtime() -> Option<Runtime> {
+    let path = std::env::var_os("ORT_DYLIB_PATH").filter(|p| !p.is_empty());
+    if path.is_none() {
+        println!("SKIPPED: ORT_DYLIB_PATH does not name a library of ONNX Runtime");
+    }
+    path.map(|p| Runtime::OnnxRuntime(p.into()))
+}
+
+fn recorded(name: &str) -> Frame {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data");
+    Frame::from_jpeg(&std::fs::read(root.join(name)).unwrap()).unwrap()
+}
+
+/// The picture of `check_image` in training/export.py, red, green and blue planes.
+fn check_image(width: usize, height: usize) -> Vec<f32> {
+    let mut planes = Vec::with_capacity(3 * width * height);
+    for c in 0..3 {
+        for y in 0..height {
+            for x in 0..width {
+                let inside = (120..400).contains(&x) && (70..320).contains(&y);
+                let base = if inside { [190, 150, 110][c] } else { [60, 70, 80][c] };
+                let stripe = [
+                    (x + y) % 512 == 390,
+                    (x + y) % 512 == 470,
+                    (x + 500 - y) % 512 == 380,
+                    (x + 500 - y) % 512 == 40,
+                ];
+                let red = if c == 0 && stripe.contains(&true) { 60 } else { 0 };
+                let texture = (x * 7 + y * 13 + (x * y) % 31) % 23;
+                planes.push((base + red + texture).min(255) as f32 / 255.0);
+            }
+        }
+    }
+    planes
+}
+
+/// Largest difference to the outputs that torch gave when the file was exported.
+fn difference_to_torch(runtime: Runtime) -> f64 {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("models/boxnet.check.json");
+    let stored: serde_json::Value = serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap();
+    let step = usize::try_from(stored["step"].as_u64().unwrap()).unwrap();
+    let mut engine = Engine::load(MODEL, &options(runtime)).unwrap();
+    let [_, _, height, width] = engine.input_shape();
+    engine.input_mut().copy_from_slice(&check_image(width, height));
+    let values = engine.run().unwrap();
+    let [_, channels, rows, columns] = engine.output_shape();
+    let mut stored = stored["values"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap());
+    let mut worst = 0.0f64;
+    for c in 0..channels {
+        for y in (0..rows).step_by(step) {
+            for x in (0..columns).step_by(step) {
+                let found = f64::from(values[(c * rows + y) * columns + x]);
+                worst = worst.max((found - stored.next().unwrap()).abs());
+            }
+        }
+    }
+    assert_eq!(stored.next(), None, "as many values as were stored");
+    worst
+}
+
+/// Different orders of summing in f32 give about 1e-6.
+const SAME: f64 = 1e-4;
+
+#[test]
+fn tract_gives_what_torch_gave() {
+    let difference = difference_to_torch(Runtime::Tract);
+    assert!(difference < SAME, "{difference}");
+}
+
+#[test]
+fn onnx_runtime_gives_what_torch_gave() {
+    let Some(runtime) = onnx_runtime() else { return };
+    let difference = difference_to_torch(runtime);
+    assert!(difference < SAME, "{difference}");
+}
+
+#[test]
+fn both_runtimes_and_several_threads_see_the_same_in_a_frame() {
+    let frame = recorded("b02/a.jpg");
+    let tract = EdgeNet::embedded(&options(Runtime::Tract)).unwrap();
+    assert_eq!(tract.runtime_name(), "tract");
+    let maps = tract.maps(&frame).unwrap();
+    assert_eq!(maps, tract.maps(&frame).unwrap(), "a second run gives the same");
+    let two = Options { runtime: Runtime::Tract, threads: NonZeroUsize::new(2).unwrap() };
+    assert!(largest_difference(&maps, &EdgeNet::embedded(&two).unwrap().maps(&frame).unwrap()) < SAME);
+    let Some(runtime) = onnx_runtime() else { return };
+    let onnx = EdgeNet::embedded(&options(runtime)).unwrap();
+    assert_eq!(onnx.runtime_name(), "ONNX Runtime");
+    assert!(largest_difference(&maps, &onnx.maps(&frame).unwrap()) < SAME);
+    // The variable is set, so nothing else may be taken.
+    assert_eq!(EdgeNet::embedded(&Options::default()).unwrap().runtime_name(), "ONNX Runtime");
+    let other = EdgeNet::embedded(&options(Runtime::OnnxRuntime("libother.so".into()))).unwrap_err();
+    assert_eq!(other.kind(), ErrorKind::NetworkRuntime);
+}
+
+fn largest_difference(a: &FaceMaps, b: &FaceMaps) -> f64 {
+    let of =
+        |channel| a.channel(channel).iter().zip(b.channel(channel)).map(|(a, b)| f64::from((a - b).abs()));
+    Channel::ALL.into_iter().flat_map(of).fold(0.0, f64::max)
+}
+
+#[test]
+fn frames_of_any_size_and_shape_give_maps_that_cover_them() {
+    let net = EdgeNet::embedded(&options(Runtime::Tract)).unwrap();
+    for (w, h) in [(1, 1), (2, 3), (512, 384), (640, 481), (3000, 7), (2592, 1944)] {
+        let frame = Frame::from_rgb(w, h, (0..w * h * 3).map(|i| (i * 37 % 256) as u8).collect()).unwrap();
+        let maps = net.maps(&frame).unwrap();
+        assert_eq!(maps.size(), [256, 192]);
+        let end = maps.raster_from_px(boxline::Px::new(w as f64 - 0.5, h as f64 - 0.5));
+        assert!((end[0] - 255.5).abs() < 1e-9 && (end[1] - 191.5).abs() < 1e-9, "{w} x {h}: {end:?}");
+    }
+}
+
+#[test]
+fn where_there_is_no_box_the_network_says_so() {
+    let net = EdgeNet::embedded(&options(Runtime::Tract)).unwrap();
+    let black = vec![0; 2592 * 1944 * 3];
+    // Grey with the noise of a dim sensor.
+    let grey = (0..2592 * 1944 * 3).map(|i: u32| 90 + (i.wrapping_mul(2_654_435_761) >> 28) as u8).collect();
+    for (name, rgb) in [("black", black), ("grey", grey)] {
+        let maps = net.maps(&Frame::from_rgb(2592, 1944, rgb).unwrap()).unwrap();
+        for channel in [Channel::FaceMask, Channel::FaceEdge, Channel::ALL[0], Channel::ALL[3]] {
+            let yes = maps.channel(channel).iter().filter(|v| **v > 0.5).count();
+            let share = yes as f64 / (256.0 * 192.0);
+            assert!(share < 0.002, "{name}: {channel:?} is seen on {share:.4} of the frame");
+        }
+    }
+}
+
+#[test]
+fn broken_files_are_errors_that_say_what_is_wrong() {
+    let kind = |bytes: &[u8]| EdgeNet::from_bytes(bytes, &options(Runtime::Tract)).unwrap_err();
+    for bytes in [&b""[..], b"not a network", &MODEL[..MODEL.len() / 2], &MODEL[1..]] {
+        let e = kind(bytes);
+        assert_eq!(e.kind(), ErrorKind::ModelFile, "{e}");
+    }
+    let missing = EdgeNet::from_path(Path::new("no/such.onnx"), &options(Runtime::Tract)).unwrap_err();
+    assert_eq!(missing.kind(), ErrorKind::Io);
+    assert!(missing.to_string().contains("no/such.onnx"), "{missing}");
+}
+
+#[test]
+fn damaged_files_never_panic() {
+    // Damage where the graph is described, not in the weights: these are at the end of most nodes' bytes, the text is short.
+    let mut state = 1u64;
+    let mut random = |n: usize| {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) as usize % n
+    };
+    let mut refused = 0;
+    for _ in 0..60 {
+        let mut bytes = MODEL.to_vec();
+        for _ in 0..1 + random(4) {
+            let at = random(6000);
+            bytes[at] = random(256) as u8;
+        }
+        match EdgeNet::from_bytes(&bytes, &options(Runtime::Tract)) {
+            Ok(net) => drop(net.maps(&Frame::from_rgb(8, 6, vec![99; 144]).unwrap())),
+            Err(e) => {
+                refused += 1;
+                assert!(matches!(e.kind(), ErrorKind::ModelFile), "{e}");
+            }
+        }
+    }
+    assert!(refused > 10, "only {refused} of 60 were found broken: the damage is in the wrong place");
+}
