@@ -188,11 +188,52 @@ impl Solid {
         Some(Hit { depth: near, face, local, bent: None, rounded: false })
     }
 
+    /// 1 / depth at which four rays enter through the plane of an axis that the camera sees; `None` if it sees none.
+    fn entries(&self, directions: &[V3; 4], axis: usize) -> Option<[f32; 4]> {
+        let way = self.seen[axis] - self.camera_local[axis];
+        (!way.is_nan()).then(|| directions.map(|d| d[axis] / way))
+    }
+
+    /// Whether all rays between four corner rays pass the cuboid: they leave through one plane before they enter through
+    /// another. 1 / depth on a plane is linear in the ray, so that the corners speak for all.
+    fn passed(&self, directions: &[V3; 4]) -> bool {
+        let o = self.camera_local;
+        (0..3).filter_map(|axis| Some((axis, self.entries(directions, axis)?))).any(|(axis, entries)| {
+            (0..3).filter(|other| *other != axis).any(|other| {
+                let h = self.half[other];
+                // A camera between two planes leaves through either.
+                [h, -h].into_iter().filter(|plane| *plane != self.seen[other]).any(|plane| {
+                    let way = plane - o[other];
+                    directions.iter().zip(&entries).all(|(d, entry)| *entry < d[other] / way)
+                })
+            })
+        })
+    }
+
+    /// Whether the solid is nowhere before a plane on which four corner rays have these inverse depths, or not on their way.
+    #[must_use]
+    pub fn behind(&self, corners: &[V3; 4], inverse_depths: &[f32; 4]) -> bool {
+        if self.bulge.iter().any(|b| *b != 0.0) {
+            return self.least_depth(corners).is_none_or(|least| {
+                let nearest = inverse_depths.iter().fold(f32::MAX, |a, b| a.min(*b));
+                least * nearest >= 1.0
+            });
+        }
+        let directions = corners.map(|c| self.to_local.apply(c));
+        let hidden = (0..3)
+            .filter_map(|axis| self.entries(&directions, axis))
+            .any(|entries| entries.iter().zip(inverse_depths).all(|(entry, own)| entry <= own));
+        hidden || self.passed(&directions)
+    }
+
     /// A lower bound of the depth at which rays between four corner rays can meet the solid; `None` if they cannot.
     #[must_use]
     pub fn least_depth(&self, corners: &[V3; 4]) -> Option<f32> {
         let mut least = self.nearest;
         let directions = corners.map(|c| self.to_local.apply(c));
+        if self.bulge.iter().all(|b| *b == 0.0) && self.passed(&directions) {
+            return None;
+        }
         for axis in 0..3 {
             let plane = self.seen[axis];
             if plane.is_nan() {
@@ -363,6 +404,28 @@ mod tests {
         assert!((off - 4.0).abs() < 0.05, "{off}");
         // The ray through the sharp corner passes the rounding, then meets nothing: silhouettes recede a little.
         assert!(solid.hit(v3(100.0 / 900.0 - 1e-5, 0.0, 1.0), 1e9).is_none());
+    }
+
+    #[test]
+    fn squares_of_rays_that_pass_or_lie_behind_are_known() {
+        let solid = cube(0.0);
+        let square = |x: f32, y: f32| {
+            [(0.0, 0.0), (0.01, 0.0), (0.0, 0.01), (0.01, 0.01)].map(|(a, b)| v3(x + a, y + b, 1.0))
+        };
+        // The front face reaches from -0.111 to 0.111.
+        for (x, y, met) in [
+            (0.0, 0.0, true),
+            (0.105, 0.0, true),
+            (0.112, 0.0, false),
+            (0.0, -0.122, false),
+            (0.09, 0.1, true),
+        ] {
+            assert_eq!(solid.least_depth(&square(x, y)).is_some(), met, "{x} {y}");
+        }
+        // The plane z = 890 is before the cube, z = 950 is not.
+        assert!(solid.behind(&square(0.0, 0.0), &[1.0 / 890.0; 4]));
+        assert!(!solid.behind(&square(0.0, 0.0), &[1.0 / 950.0; 4]));
+        assert!(solid.behind(&square(0.2, 0.0), &[1.0 / 950.0; 4]));
     }
 
     #[test]

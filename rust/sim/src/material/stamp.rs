@@ -124,6 +124,17 @@ impl Decal {
 }
 
 impl Stamp {
+    /// Whether any point within these ranges (mm along the face's picture axes) may show the stamp.
+    #[must_use]
+    pub fn reaches(&self, us: [f32; 2], vs: [f32; 2], foot: f32) -> bool {
+        let Decal { centre, half: [x, y], .. } = self.decal;
+        let (cos, sin) = (self.cos.abs(), self.sin.abs());
+        let within = |range: [f32; 2], centre: f32, reach: f32| {
+            range[0] <= centre + reach + foot && range[1] >= centre - reach - foot
+        };
+        within(us, centre[0], x * cos + y * sin) && within(vs, centre[1], x * sin + y * cos)
+    }
+
     /// Lays the stamp over a colour and a gloss at (u, v) mm, seen with pixels of `foot` mm.
     #[inline]
     pub fn lay(&self, u: f32, v: f32, foot: f32, colour: &mut V3, gloss: &mut f32, photos: &Photos) {

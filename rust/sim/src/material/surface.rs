@@ -1,6 +1,6 @@
 //! Bare surfaces: board, wood, stone, brick, tiles, sheet metal, paint, photographs; all from a few noise samples.
 
-use super::noise::{hash01, tiles};
+use super::noise::{floor, hash01, tiles};
 use crate::photos::Photos;
 use crate::vec3::{V3, v3};
 
@@ -85,12 +85,14 @@ impl Surface {
             }
             Pattern::Wood => self.wood(x, y, foot),
             Pattern::Planks { width_mm } => {
-                let row = (y / width_mm).floor();
-                let shift = hash01(row as i32, 3, 5) * 900.0;
+                let line = floor(y / width_mm);
+                let row = line as f32;
+                let shift = hash01(line, 3, 5) * 900.0;
                 let wood = self.wood(x + shift * 7.0, y + row * 57.0, foot);
-                let tone = 0.85 + 0.3 * hash01(row as i32, 0, 9);
+                let tone = 0.85 + 0.3 * hash01(line, 0, 9);
                 let to_joint = (y - row * width_mm).min((row + 1.0) * width_mm - y);
-                let end = ((x + shift) / 1900.0).fract().abs() * 1900.0;
+                let length = (x + shift) / 1900.0;
+                let end = (length - floor(length) as f32) * 1900.0;
                 let joint = cover(2.5, to_joint.min(end), foot);
                 wood * (tone * (1.0 - 0.7 * joint))
             }
@@ -105,24 +107,24 @@ impl Surface {
             }
             Pattern::Brick => {
                 let (w, h) = (250.0, 75.0);
-                let row = (y / h).floor();
-                let along = x / w + 0.5 * row.rem_euclid(2.0);
-                let column = along.floor();
-                let (px, py) = ((along - column) * w, y - row * h);
+                let row = floor(y / h);
+                let along = x / w + 0.5 * (row & 1) as f32;
+                let column = floor(along);
+                let (px, py) = ((along - column as f32) * w, y - row as f32 * h);
                 let to_joint = px.min(w - px).min(py).min(h - py);
                 let joint = cover(5.0, to_joint, foot);
                 let grain = t.fibre.grain(x * 0.6, y * 0.6, foot * 0.6);
-                let tone = 0.75 + 0.5 * hash01(column as i32, row as i32, 21) + 0.08 * s * grain;
+                let tone = 0.75 + 0.5 * hash01(column, row, 21) + 0.08 * s * grain;
                 self.base * tone * (1.0 - joint) + self.second * ((1.0 + 0.08 * grain) * joint)
             }
             Pattern::Tiles { side_mm } => {
-                let (i, j) = ((x / side_mm).floor(), (y / side_mm).floor());
-                let (px, py) = (x - i * side_mm, y - j * side_mm);
+                let (i, j) = (floor(x / side_mm), floor(y / side_mm));
+                let (px, py) = (x - i as f32 * side_mm, y - j as f32 * side_mm);
                 let to_joint = px.min(side_mm - px).min(py).min(side_mm - py);
                 let joint = cover(2.5, to_joint, foot);
                 let speck = t.fibre.grain(x * 0.5, y * 0.5, foot * 0.5);
                 let cloud = t.cloud.grain(x * 0.15, y * 0.15, foot * 0.15);
-                let tone = 0.95 + 0.1 * hash01(i as i32, j as i32, 2) + s * (0.04 * speck + 0.05 * cloud);
+                let tone = 0.95 + 0.1 * hash01(i, j, 2) + s * (0.04 * speck + 0.05 * cloud);
                 (self.base * (1.0 - joint) + self.second * joint) * tone
             }
             Pattern::Sheet { pitch_mm } => {
@@ -165,7 +167,7 @@ impl crate::photos::Photo {
     /// Linear colour, repeated endlessly (mirrored, so that no seam shows); (1, 1) is one width.
     #[must_use]
     pub fn tiled(&self, x: f32, y: f32) -> V3 {
-        let mirror = |t: f32| 1.0 - (t.rem_euclid(2.0) - 1.0).abs();
+        let mirror = |t: f32| 1.0 - (t - 2.0 * floor(0.5 * t) as f32 - 1.0).abs();
         let ratio = self.width as f32 / self.height as f32;
         self.at(mirror(x), mirror(y * ratio))
     }

@@ -1,7 +1,8 @@
 //! Casts the rays of a frame: one a pixel, a finer grid where faces meet; the result is linear light.
 
 use super::laser::Trace;
-use super::lit::{Grid, NOTHING, face_id};
+use super::lit::{Grid, NOTHING, STEP, face_id};
+use super::patch::Seen;
 use super::prepare::Stage;
 use crate::vec3::V3;
 
@@ -31,28 +32,45 @@ pub fn expose_film(stage: &Stage<'_>) -> Film {
     let mut film = Film {
         width,
         height,
-        light: Vec::with_capacity(n),
-        ids: Vec::with_capacity(n),
-        depth: Vec::with_capacity(n),
+        light: vec![V3::default(); n],
+        ids: vec![NOTHING; n],
+        depth: vec![f32::INFINITY; n],
         traces: Vec::new(),
     };
-    for row in 0..height {
-        for column in 0..width {
-            let ray = stage.ray(column as f64, row as f64);
-            let (colour, id, depth) = match stage.cast(ray, column, row) {
-                Some((solid, hit)) => {
-                    let colour = stage.shade(&grid, solid, &hit, ray, (column, row), Some(&mut film.traces));
-                    (colour, face_id(solid, hit.face), hit.depth)
+    for (j, top) in (0..height).step_by(STEP).enumerate() {
+        for (i, left) in (0..width).step_by(STEP).enumerate() {
+            let patch = stage.patch(&grid, i, j);
+            for row in top..(top + STEP).min(height) {
+                let line = patch.as_ref().map(|p| (p, p.row(row)));
+                for column in left..(left + STEP).min(width) {
+                    let pixel = (column, row);
+                    let seen = match &line {
+                        Some((patch, line)) => Some(stage.shade_patch(patch, line, pixel, &mut film.traces)),
+                        None => single(stage, &grid, pixel, &mut film.traces),
+                    };
+                    let at = row * width + column;
+                    match seen {
+                        Some(seen) => {
+                            film.light[at] = seen.colour;
+                            film.ids[at] = seen.id;
+                            film.depth[at] = seen.depth;
+                        }
+                        None => film.light[at] = stage.nothing(stage.ray(column as f64, row as f64)),
+                    }
                 }
-                None => (stage.nothing(ray), NOTHING, f32::INFINITY),
-            };
-            film.light.push(colour);
-            film.ids.push(id);
-            film.depth.push(depth);
+            }
         }
     }
     smooth_edges(stage, &grid, &mut film, if coarse { &TURNED } else { &SQUARE });
     film
+}
+
+/// What one pixel shows, by itself.
+fn single(stage: &Stage<'_>, grid: &Grid, pixel: (usize, usize), traces: &mut Vec<Trace>) -> Option<Seen> {
+    let ray = stage.ray(pixel.0 as f64, pixel.1 as f64);
+    let (solid, hit) = stage.cast(ray, pixel.0, pixel.1)?;
+    let colour = stage.shade(grid, solid, &hit, ray, pixel, Some(traces));
+    Some(Seen { colour, id: face_id(solid, hit.face), depth: hit.depth })
 }
 
 /// A turned square: four samples that see four columns and four rows.
@@ -74,6 +92,7 @@ const SQUARE: [[f64; 2]; 16] = {
 fn smooth_edges(stage: &Stage<'_>, grid: &Grid, film: &mut Film, samples: &[[f64; 2]]) {
     let (width, height) = (film.width, film.height);
     let share = 1.0 / samples.len() as f32;
+    let mut known = Vec::with_capacity(samples.len() + 1);
     for row in 0..height {
         for column in 0..width {
             let at = row * width + column;
@@ -86,12 +105,21 @@ fn smooth_edges(stage: &Stage<'_>, grid: &Grid, film: &mut Film, samples: &[[f64
                 continue;
             }
             let mut sum = V3::default();
+            // In a small frame a face has one colour within a pixel; in a full one its rounding may not.
+            known.clear();
+            known.push((id, film.light[at]));
             for [x, y] in samples {
                 let ray = stage.ray(column as f64 + x, row as f64 + y);
-                let colour = match stage.cast(ray, column, row) {
-                    Some((solid, hit)) => stage.shade(grid, solid, &hit, ray, (column, row), None),
-                    None => stage.nothing(ray),
+                let hit = stage.cast(ray, column, row);
+                let seen = hit.as_ref().map_or(NOTHING, |(solid, hit)| face_id(*solid, hit.face));
+                let colour = match known.iter().find(|k| k.0 == seen && grid.coarse()) {
+                    Some((_, colour)) => *colour,
+                    None => match hit {
+                        Some((solid, hit)) => stage.shade(grid, solid, &hit, ray, (column, row), None),
+                        None => stage.nothing(ray),
+                    },
                 };
+                known.push((seen, colour));
                 // One glint must not outshine the pixel's other parts.
                 sum += clip(colour, 4.0);
             }

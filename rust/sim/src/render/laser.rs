@@ -2,13 +2,13 @@
 
 use super::prepare::{CamBeam, Stage};
 use crate::rng::Rng;
-use crate::vec3::V3;
+use crate::vec3::{V3, v3};
 use std::sync::OnceLock;
 
 /// Reach of a sheet in standard deviations.
 const REACH: f32 = 4.0;
 /// What a red laser leaves in the three channels.
-pub const COLOUR: [f32; 3] = [1.0, 0.085, 0.035];
+const COLOUR: [f32; 3] = [1.0, 0.085, 0.035];
 
 const SIDE: usize = 512;
 
@@ -70,10 +70,6 @@ pub(super) struct Spot {
     pub depth: f32,
     /// Its normal.
     pub normal: V3,
-    /// What one unit of irradiance adds to the red channel.
-    pub red: f32,
-    /// How much the red channel can still take.
-    pub room: f32,
 }
 
 /// A stripe seen at a pixel.
@@ -117,22 +113,47 @@ impl Stage<'_> {
         !self.laser_casters[k].iter().any(|&j| j != own && self.solids[j].blocks(point, source - point))
     }
 
-    /// Irradiance that the lasers add at a spot; traces are kept if wanted.
-    pub(super) fn lasers(
+    /// Whether laser `k` may light a flat piece between four points, none of them deeper than `far`.
+    pub(super) fn laser_near(&self, k: usize, points: &[V3; 4], far: f32) -> bool {
+        let beam = &self.beams[k];
+        let (low, high) = points.iter().fold((f32::MAX, f32::MIN), |(low, high), p| {
+            let off = (beam.plane.dot(*p) - 1.0) * beam.plane_mm;
+            (low.min(off), high.max(off))
+        });
+        let reach = self.reach_mm(beam, far);
+        beam.at_1m > 0.0 && low <= reach && high >= -reach
+    }
+
+    /// How far from its plane a sheet can matter at a depth, mm.
+    #[inline]
+    fn reach_mm(&self, beam: &CamBeam, depth: f32) -> f32 {
+        // Foreshortened faces spread the sheet over fewer pixels: 2 cells of grace.
+        REACH * 1.15 * beam.sigma_rad * depth + 2.0 * self.cell_per_mm * depth
+    }
+
+    /// Adds what those lasers that are `near` send back from a spot to its colour; traces are kept if wanted.
+    #[allow(clippy::too_many_arguments)] // two callers, for squares and for single pixels
+    pub(super) fn add_lasers(
         &self,
+        colour: &mut V3,
+        albedo: V3,
+        gloss: f32,
         spot: &Spot,
+        near: [bool; 4],
         pixel: (usize, usize),
         mut keep: Option<&mut Vec<Trace>>,
-    ) -> f32 {
-        let Spot { own, ray, depth, normal, red, room } = *spot;
+    ) {
+        let Spot { own, ray, depth, normal } = *spot;
+        // A glossy coat sends part of the laser elsewhere.
+        let red = albedo.x.max(0.0) * (1.0 - 0.6 * gloss) * self.exposure;
+        let room = (1.0 - colour.x).max(0.0);
         let point = ray * depth;
         let cell = self.cell_per_mm * depth;
         let coarse = self.raster.scale() > 1.5;
         let mut sum = 0.0;
-        for (k, beam) in self.beams.iter().enumerate() {
+        for (k, beam) in self.beams.iter().enumerate().filter(|(k, _)| near[*k]) {
             let off = (beam.plane.dot(point) - 1.0) * beam.plane_mm;
-            // Foreshortened faces spread the sheet over fewer pixels: 2 cells of grace.
-            if off.abs() > REACH * 1.15 * beam.sigma_rad * depth + 2.0 * cell || beam.at_1m <= 0.0 {
+            if off.abs() > self.reach_mm(beam, depth) || beam.at_1m <= 0.0 {
                 continue;
             }
             let Some((peak, sigma)) = self.sheet(beam, point, normal) else { continue };
@@ -160,7 +181,7 @@ impl Stage<'_> {
             }
             sum += irradiance * self.speckle_at(k, pixel, coarse);
         }
-        sum
+        *colour += v3(COLOUR[0], COLOUR[1], COLOUR[2]) * (sum * red);
     }
 
     /// Signed distance of a pixel from the stripe on the tangent plane, in pixels of the raster, and its direction.

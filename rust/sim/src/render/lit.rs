@@ -8,7 +8,7 @@ use crate::vec3::{V3, v3};
 pub const NOTHING: u16 = u16::MAX;
 
 /// Pixels between nodes; a power of two, since every pixel divides by it.
-const STEP: usize = 8;
+pub(super) const STEP: usize = 8;
 
 /// How much of the diffuse light and of each lamp arrives.
 #[derive(Clone, Copy, Debug, Default)]
@@ -102,6 +102,16 @@ impl Grid {
             })
             .collect();
         Self { coarse, across, most, nodes, even }
+    }
+
+    /// Solid, face and light at the four corners of a cell that is on one face in even light.
+    #[must_use]
+    pub(super) fn even_cell(&self, i: usize, j: usize) -> Option<(usize, usize, [Lit; 4])> {
+        let at = j * self.across + i;
+        let id = usize::from(self.nodes[at].0);
+        let corners = [at, at + 1, at + self.across, at + self.across + 1];
+        (self.even[at] && self.nodes[at].0 != NOTHING)
+            .then(|| (id / 8, id % 8, corners.map(|n| self.nodes[n].1)))
     }
 
     /// Light at a pixel of a face; `None` where no node of the cell is on that face, or light changes too fast.

@@ -113,6 +113,7 @@ pub struct Stage<'a> {
     pub(super) photos: &'a Photos,
     pub(super) cell_per_mm: f32,
     pub(super) options: Options,
+    outlines: Vec<Option<Outline>>,
     tiles: Vec<Vec<(f32, u16)>>,
     tiles_across: usize,
 }
@@ -245,6 +246,7 @@ impl<'a> Stage<'a> {
             photos,
             cell_per_mm,
             options,
+            outlines,
             tiles,
             tiles_across,
         }
@@ -257,14 +259,24 @@ impl<'a> Stage<'a> {
         self.camera.ray_from_px(self.raster.px(column, row)).xy1.into()
     }
 
+    /// Solids that may be seen at a pixel with the least depth that they can have in its tile, nearest first.
+    #[inline]
+    pub(super) fn candidates(&self, column: usize, row: usize) -> &[(f32, u16)] {
+        &self.tiles[(row / TILE) * self.tiles_across + column / TILE]
+    }
+
+    /// Whether a solid's outline meets a part of the raster, given by its bounds along columns, rows and both diagonals.
+    pub(super) fn may_cover(&self, solid: usize, span: &Outline) -> bool {
+        self.outlines[solid].is_some_and(|outline| meet(&outline, span))
+    }
+
     /// The nearest solid on a ray through the pixel (column, row), and where.
     #[inline]
     #[must_use]
     pub fn cast(&self, ray: V3, column: usize, row: usize) -> Option<(usize, Hit)> {
-        let tile = (row / TILE) * self.tiles_across + column / TILE;
         let mut best: Option<(usize, Hit)> = None;
         let mut limit = f32::INFINITY;
-        for &(nearest, i) in &self.tiles[tile] {
+        for &(nearest, i) in self.candidates(column, row) {
             if nearest >= limit {
                 break; // sorted by nearest depth in this tile: nothing after this can be nearer
             }
@@ -313,7 +325,11 @@ fn corners(half: V3) -> impl Iterator<Item = V3> {
 
 /// What a solid can cover on the raster: bounds along columns, rows and both diagonals. Boxes stand at 45 degrees in the
 /// image, so the diagonals bound them best.
-type Outline = [[f64; 2]; 4];
+pub(super) type Outline = [[f64; 2]; 4];
+
+fn meet(a: &Outline, b: &Outline) -> bool {
+    a.iter().zip(b).all(|(a, b)| a[1] >= b[0] && a[0] <= b[1])
+}
 
 /// `None` if the solid is outside the raster.
 fn outline(solid: &Solid, head: &Head, raster: &Raster) -> Option<Outline> {
@@ -361,8 +377,7 @@ fn tile_lists(
             let mut list = Vec::new();
             for (i, (solid, outline)) in solids.iter().zip(outlines).enumerate() {
                 let Some(outline) = outline else { continue };
-                let apart = outline.iter().zip(&span).any(|(a, b)| a[1] < b[0] || a[0] > b[1]);
-                let least = if apart { None } else { solid.least_depth(&rays) };
+                let least = if meet(outline, &span) { solid.least_depth(&rays) } else { None };
                 if let (Some(least), Ok(index)) = (least, u16::try_from(i)) {
                     list.push((least, index));
                 }

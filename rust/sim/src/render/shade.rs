@@ -1,10 +1,10 @@
 //! The colour of a hit: surface and stamps, diffuse light, lamps, gloss, lasers.
 
-use super::laser::{COLOUR, Spot, Trace};
+use super::laser::{Spot, Trace};
 use super::lit::{self, Grid, face_id};
 use super::prepare::Stage;
 use crate::solid::{FACES, Hit, face_uv};
-use crate::vec3::{V3, v3};
+use crate::vec3::V3;
 
 impl Stage<'_> {
     /// Light from a hit towards the camera, in units of the film (full scale 1).
@@ -43,14 +43,8 @@ impl Stage<'_> {
         let arriving = ambient * light.open + light.lamps;
         let colour = albedo.times(arriving) * (1.0 - 0.5 * gloss) + light.shine * gloss;
         let mut colour = colour * self.exposure;
-        // A glossy coat sends part of the laser elsewhere.
-        let red = albedo.x.max(0.0) * (1.0 - 0.6 * gloss) * self.exposure;
-        let room = (1.0 - colour.x).max(0.0);
-        let laser =
-            self.lasers(&Spot { own: solid, ray, depth: hit.depth, normal, red, room }, pixel, traces);
-        if laser > 0.0 {
-            colour += v3(COLOUR[0], COLOUR[1], COLOUR[2]) * (laser * red);
-        }
+        let spot = Spot { own: solid, ray, depth: hit.depth, normal };
+        self.add_lasers(&mut colour, albedo, gloss, &spot, [true; 4], pixel, traces);
         colour
     }
 }
