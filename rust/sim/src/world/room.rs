@@ -124,6 +124,11 @@ pub fn shell(rng: &mut Rng, outdoors: bool, faces: &[usize], reach: f64, stock: 
                 if x == 0.0 { Vector3::new(wide, 200.0, height) } else { Vector3::new(200.0, wide, height) };
             wall(rng, Vector3::new(x * far, y * far, 0.0), size);
         }
+        // Lamps may hang above it in the model: bodies of this size cast no shadows.
+        let rgb = rng.pick([[205, 206, 202], [150, 152, 152], [92, 94, 98]]);
+        let look = Look::bare(paint(rng, rgb), 0.02);
+        let foot = Vector3::new(0.0, 0.0, height);
+        bodies.push(Body::upright(foot, Vector3::new(wide, wide, 100.0), 0.0, look, Role::Room));
     }
     bodies
 }
