@@ -1,11 +1,13 @@
 //! The network that ships, on both runtimes: the same maps as in training, on any frame, and no panic on any file.
 //!
-//! ONNX Runtime is tested where `ORT_DYLIB_PATH` names its library.
+//! ONNX Runtime is tested where `BOXLINE_TEST_ONNX_RUNTIME` or `ORT_DYLIB_PATH` names its library; the second is also what the
+//! product itself looks at.
 #![allow(clippy::unwrap_used)] // the helpers of tests are tests
 
 use boxline::network::{Channel, FaceMaps, Network};
 use boxline::{ErrorKind, Frame};
 use boxline_edgenet::{EdgeNet, Engine, Options, Runtime};
+use std::io::Write;
 use std::num::NonZeroUsize;
 use std::path::Path;
 
@@ -16,9 +18,11 @@ fn options(runtime: Runtime) -> Options {
 }
 
 fn onnx_runtime() -> Option<Runtime> {
-    let path = std::env::var_os("ORT_DYLIB_PATH").filter(|p| !p.is_empty());
+    let named = |variable| std::env::var_os(variable).filter(|path| !path.is_empty());
+    let path = named("ORT_DYLIB_PATH").or_else(|| named("BOXLINE_TEST_ONNX_RUNTIME"));
     if path.is_none() {
-        println!("SKIPPED: ORT_DYLIB_PATH does not name a library of ONNX Runtime");
+        // Straight to stdout: the test harness hides what a passing test prints, and a skipped test must be seen.
+        writeln!(std::io::stdout(), "SKIPPED: BOXLINE_TEST_ONNX_RUNTIME names no library of ONNX Runtime").unwrap();
     }
     path.map(|p| Runtime::OnnxRuntime(p.into()))
 }
@@ -104,8 +108,8 @@ fn both_runtimes_and_several_threads_see_the_same_in_a_frame() {
     let onnx = EdgeNet::embedded(&options(runtime)).unwrap();
     assert_eq!(onnx.runtime_name(), "ONNX Runtime");
     assert!(largest_difference(&maps, &onnx.maps(&frame).unwrap()) < SAME);
-    // The variable is set, so nothing else may be taken.
-    assert_eq!(EdgeNet::embedded(&Options::default()).unwrap().runtime_name(), "ONNX Runtime");
+    let found = EdgeNet::embedded(&Options::default()).unwrap().runtime_name();
+    assert_eq!(found == "ONNX Runtime", std::env::var_os("ORT_DYLIB_PATH").is_some(), "{found}");
     let other = EdgeNet::embedded(&options(Runtime::OnnxRuntime("libother.so".into()))).unwrap_err();
     assert_eq!(other.kind(), ErrorKind::NetworkRuntime);
 }

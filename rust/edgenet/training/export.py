@@ -48,14 +48,17 @@ def folded(model: nn.Module) -> nn.Module:
 
 
 class Exported(nn.Module):
-    """Probabilities instead of logits."""
+    """Probabilities instead of logits; of HED and IHED the average of eq. 16, or the fused map alone."""
 
-    def __init__(self, model: nn.Module):
+    def __init__(self, model: nn.Module, fused_only: bool = False):
         super().__init__()
         self.model = model
+        self.fused_only = fused_only
 
     def forward(self, image: torch.Tensor) -> torch.Tensor:
         output = self.model(image)
+        if self.fused_only:
+            return output[-1].sigmoid()
         return models.averaged(output) if isinstance(output, list) else output.sigmoid()
 
 
@@ -70,14 +73,14 @@ def check_image(width: int, height: int) -> np.ndarray:
     return (np.minimum(levels, 255) / 255).astype(np.float32)[None]
 
 
-def export(model: nn.Module, path: Path, width: int = 512, height: int = 384) -> float:
+def export(model: nn.Module, path: Path, width: int = 512, height: int = 384, fused_only: bool = False) -> float:
     """Writes the file and returns the largest difference of its outputs to the unfolded model's in torch."""
     image = torch.from_numpy(fake.scene(7, Format(width, height, width // 2, height // 2, len(CHANNELS))).rgb.copy())
     image = image.permute(2, 0, 1)[None].float().div(255).contiguous()
     with torch.no_grad():
-        expected = Exported(model.eval())(image).numpy()
-        kept = Exported(model)(torch.from_numpy(check_image(width, height)))[0, :, ::CHECK_STEP, ::CHECK_STEP]
-    exported = Exported(folded(model)).eval().to(memory_format=torch.contiguous_format)
+        expected = Exported(model.eval(), fused_only)(image).numpy()
+        kept = Exported(model, fused_only)(torch.from_numpy(check_image(width, height)))[0, :, ::CHECK_STEP, ::CHECK_STEP]
+    exported = Exported(folded(model), fused_only).eval().to(memory_format=torch.contiguous_format)
     path.parent.mkdir(parents=True, exist_ok=True)
     check = {"step": CHECK_STEP, "values": [round(v, 6) for v in kept.flatten().tolist()]}
     path.with_suffix(".check.json").write_text(json.dumps(check) + "\n")

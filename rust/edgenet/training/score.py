@@ -9,6 +9,7 @@ import argparse
 import json
 import os
 from pathlib import Path
+from typing import Iterable
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
@@ -17,7 +18,7 @@ import onnxruntime
 import torch
 
 import metrics
-from stream import DEFAULT_COMMAND, frames
+from stream import DEFAULT_COMMAND, Frame, frames
 
 TEST_SEED = 1 << 41  # neither training nor validation comes here
 
@@ -28,18 +29,26 @@ def session(path: Path) -> onnxruntime.InferenceSession:
     return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
 
 
-def score(path: Path, command: str, seed: int, count: int, thresholds: dict[str, float] | None) -> dict:
-    network = session(path)
-    scores = None
-    for frame in frames(command, seed, count):
-        image = np.ascontiguousarray(frame.rgb.transpose(2, 0, 1)[None], np.float32) / 255
-        maps = torch.from_numpy(network.run(None, {"image": image})[0])
-        single = maps.shape[1] == 1
-        if single and maps.shape[-1] == frame.rgb.shape[1]:
-            maps = torch.nn.functional.avg_pool2d(maps, 2)
-        scores = scores or metrics.Scores(single, (thresholds or {}).get("single"))
-        scores.add(maps, torch.from_numpy(frame.labels)[None].float() / 255, [frame.meta])
-    return scores.summary(thresholds)
+def maps_of(network: onnxruntime.InferenceSession, frame: Frame) -> torch.Tensor:
+    """Probabilities on the label raster (1, channels or 1, h, w)."""
+    image = np.ascontiguousarray(frame.rgb.transpose(2, 0, 1)[None], np.float32) / 255
+    maps = torch.from_numpy(network.run(None, {"image": image})[0])
+    single = maps.shape[1] == 1 and maps.shape[-1] == frame.rgb.shape[1]
+    return torch.nn.functional.avg_pool2d(maps, 2) if single else maps
+
+
+def score(networks: list[onnxruntime.InferenceSession], source: Iterable[Frame], thresholds: list[dict[str, float] | None]) -> list[dict]:
+    """The scores of several networks on the same frames."""
+    scores = [metrics.Scores(network.get_outputs()[0].shape[1] == 1, (known or {}).get("single")) for network, known in zip(networks, thresholds)]
+    for frame in source:
+        labels = torch.from_numpy(frame.labels)[None].float() / 255
+        for network, each in zip(networks, scores):
+            each.add(maps_of(network, frame), labels, [frame.meta])
+    return [each.summary(known) for each, known in zip(scores, thresholds)]
+
+
+def thresholds_in(summary: dict) -> dict[str, float]:
+    return {name: line["threshold"] for name, line in summary["lines"].items()}
 
 
 def main() -> None:
@@ -53,9 +62,8 @@ def main() -> None:
     torch.set_num_threads(1)
     thresholds = None
     if arguments.thresholds:
-        chosen = json.loads(arguments.thresholds.read_text())["lines"]
-        thresholds = {name: line["threshold"] for name, line in chosen.items()}
-    result = score(arguments.model, arguments.render, arguments.seed, arguments.frames, thresholds)
+        thresholds = thresholds_in(json.loads(arguments.thresholds.read_text()))
+    [result] = score([session(arguments.model)], frames(arguments.render, arguments.seed, arguments.frames), [thresholds])
     chosen_on = "validation frames" if thresholds else "the frames scored"
     print(json.dumps({"model": arguments.model.name, "first_seed": arguments.seed, "thresholds_chosen_on": chosen_on, **result}, indent=1))
 
