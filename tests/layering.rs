@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// The modules of `rust/core/src`, lowest first. A new module gets its line here.
-const MODULES: [&str; 17] = [
+const MODULES: [&str; 18] = [
     "units",
     "error",
     "frames",
@@ -18,6 +18,7 @@ const MODULES: [&str; 17] = [
     "calibration",
     "optim",
     "stripe",
+    "calib",
     "diagnostics",
     "face",
     "edges",

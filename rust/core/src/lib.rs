@@ -5,6 +5,7 @@
 //! Conventions (frames, units, pixel origin): `rust/CONVENTIONS.md`.
 #![forbid(unsafe_code)]
 
+pub mod calib;
 pub mod calibration;
 pub mod camera;
 mod cuboid;

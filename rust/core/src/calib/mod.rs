@@ -1,0 +1,32 @@
+//! One-step calibration of camera and lasers from frames of a circle board (paper, section 3.3).
+//!
+//! [`find_board`] for every frame (frames are independent: run them in parallel), [`solve_camera`] over all of them,
+//! [`CameraSolution::find_stripes`] for every frame again, [`solve_all`]. Then [`uncertainty`] says what it is good for
+//! and [`next_frame`] what to add. A set that fixes no calibration is a [`CalibrationReject`].
+
+mod adjust;
+mod blobs;
+mod board;
+mod detect;
+mod grid;
+mod judge;
+mod model;
+mod next_frame;
+mod planes;
+mod reject;
+mod rim;
+mod solve;
+mod stripes;
+pub mod uncertainty;
+mod zhang;
+
+pub use board::{Board, BoardView, Circle, OnBoard};
+pub use detect::{MIN_CIRCLES, find_board};
+pub use judge::tilt_deg;
+pub use next_frame::{Advice, next_frame};
+pub use reject::{CalibrationReject, FrameReject};
+pub use solve::{
+    CalibrationCovariance, CalibrationSettings, CalibrationSolution, CameraSolution, CentreResidual,
+    FrameResult, MIN_FRAMES, StripeResidual, solve_all, solve_camera,
+};
+pub use stripes::BoardStripe;

@@ -1,0 +1,265 @@
+//! What is observed against what the unknowns predict, in px, with analytic derivatives.
+
+use super::board::OnBoard;
+use super::rim::board_matrix;
+use crate::camera::CameraModel;
+use crate::frames::{Cam, Pose, Ray};
+use crate::units::Px;
+use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3};
+
+/// Unknowns that all frames share: fx, fy, cx, cy, k1, k2, four laser planes (3 each, `p . X = 1`, 1/mm), skew.
+pub(super) const SHARED: usize = 19;
+/// First of the planes.
+pub(super) const PLANES: usize = 6;
+/// The skew.
+pub(super) const SKEW: usize = 18;
+/// Unknowns of a pose: rotation vector about the camera's axes (rad), translation (mm).
+pub(super) const POSE: usize = 6;
+
+/// Camera and planes.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Shared {
+    pub camera: CameraModel,
+    pub planes: [Vector3<f64>; 4],
+}
+
+impl Shared {
+    pub fn plus(&self, step: &SVector<f64, SHARED>) -> Self {
+        let mut moved = self.clone();
+        let c = &mut moved.camera;
+        for (x, i) in [&mut c.fx, &mut c.fy, &mut c.cx, &mut c.cy, &mut c.k1, &mut c.k2].into_iter().zip(0..)
+        {
+            *x += step[i];
+        }
+        c.skew += step[SKEW];
+        for (k, plane) in moved.planes.iter_mut().enumerate() {
+            *plane += step.fixed_rows::<3>(PLANES + 3 * k);
+        }
+        moved
+    }
+}
+
+/// A pose moved by a small rotation (after its own) and translation.
+pub(super) fn moved(pose: &Pose<Cam, OnBoard>, step: &SVector<f64, POSE>) -> Pose<Cam, OnBoard> {
+    let turn = nalgebra::Rotation3::new(Vector3::new(step[0], step[1], step[2]));
+    Pose::new(turn.matrix() * pose.rotation, pose.translation_mm + step.fixed_rows::<3>(3))
+}
+
+/// One residual in px and its derivatives.
+pub(super) struct Row {
+    pub px: f64,
+    pub by_shared: SVector<f64, SHARED>,
+    pub by_pose: SVector<f64, POSE>,
+}
+
+/// The board's plane `q . X = 1`, 1/mm.
+pub(super) fn board_plane(pose: &Pose<Cam, OnBoard>) -> Vector3<f64> {
+    let normal: Vector3<f64> = pose.rotation.column(2).into();
+    normal / normal.dot(&pose.translation_mm)
+}
+
+/// d(ideal ray) / d(distorted coordinate) and the distorted coordinate itself.
+fn distortion(camera: &CameraModel, px: Px) -> (Vector2<f64>, Matrix2<f64>) {
+    let y = (px.v - camera.cy) / camera.fy;
+    let d = Vector2::new((px.u - camera.cx - camera.skew * y) / camera.fx, y);
+    let r2 = d.norm_squared();
+    let scale = 1.0 + r2 * (camera.k1 + camera.k2 * r2);
+    let radial = 2.0 * (camera.k1 + 2.0 * camera.k2 * r2);
+    (d, Matrix2::identity() * scale + d * d.transpose() * radial)
+}
+
+/// d(ideal ray of a fixed pixel) / d(fx, fy, cx, cy, k1, k2) and, last, d / d skew.
+fn ray_by_camera(camera: &CameraModel, px: Px) -> SMatrix<f64, 2, 7> {
+    let (d, by_distorted) = distortion(camera, px);
+    let r2 = d.norm_squared();
+    let (fx, fy, s) = (camera.fx, camera.fy, camera.skew);
+    let mut out = SMatrix::<f64, 2, 7>::zeros();
+    let columns = [
+        Vector2::new(-d.x / fx, 0.0),
+        Vector2::new(s * d.y / (fx * fy), -d.y / fy),
+        Vector2::new(-1.0 / fx, 0.0),
+        Vector2::new(s / (fx * fy), -1.0 / fy),
+    ];
+    for (k, column) in columns.into_iter().enumerate() {
+        out.set_column(k, &(by_distorted * column));
+    }
+    out.set_column(4, &(d * r2));
+    out.set_column(5, &(d * (r2 * r2)));
+    out.set_column(6, &(by_distorted * Vector2::new(-d.y / fx, 0.0)));
+    out
+}
+
+/// The two residuals (observed - projected; u, v) of a circle's centre. `None` behind the camera.
+pub(super) fn centre_rows(
+    shared: &Shared,
+    pose: &Pose<Cam, OnBoard>,
+    board_mm: Vector2<f64>,
+    at: Px,
+) -> Option<[Row; 2]> {
+    let camera = &shared.camera;
+    let turned = pose.rotation.column(0) * board_mm.x + pose.rotation.column(1) * board_mm.y;
+    let point: Vector3<f64> = turned + pose.translation_mm;
+    if point.z < 1.0 {
+        return None;
+    }
+    let ray = Ray::new(point.x / point.z, point.y / point.z);
+    let (px, px_by_ray) = camera.px_from_ray_with_jacobian(&ray)?;
+    let ray_by_point = SMatrix::<f64, 2, 3>::new(1.0, 0.0, -ray.xy1.x, 0.0, 1.0, -ray.xy1.y) / point.z;
+    let px_by_point = px_by_ray * ray_by_point;
+    let by_turn = px_by_point * -turned.cross_matrix();
+    // A pixel that keeps its ray: d(px) = -d(px)/d(ray) d(ray)/d(camera).
+    let by_camera = px_by_ray * -ray_by_camera(camera, px);
+    let row = |axis: usize, residual: f64| {
+        let mut by_shared = SVector::zeros();
+        for k in 0..6 {
+            by_shared[k] = -by_camera[(axis, k)];
+        }
+        by_shared[SKEW] = -by_camera[(axis, 6)];
+        let mut by_pose = SVector::zeros();
+        for k in 0..3 {
+            by_pose[k] = -by_turn[(axis, k)];
+            by_pose[3 + k] = -px_by_point[(axis, k)];
+        }
+        Row { px: residual, by_shared, by_pose }
+    };
+    Some([row(0, at.u - px.u), row(1, at.v - px.v)])
+}
+
+/// The residual of a stripe's centre: its distance from where the laser's plane meets the board, px across the stripe.
+/// The factor from (q - p) . x to px is taken as constant.
+pub(super) fn stripe_row(shared: &Shared, pose: &Pose<Cam, OnBoard>, laser: usize, at: Px) -> Option<Row> {
+    let camera = &shared.camera;
+    let (ray, jacobian) = camera.ray_from_px_with_jacobian(at);
+    let normal: Vector3<f64> = pose.rotation.column(2).into();
+    let distance = normal.dot(&pose.translation_mm);
+    let q = normal / distance;
+    let line = q - shared.planes[laser];
+    let gradient = (jacobian.transpose() * line.xy()).norm();
+    if gradient < 1e-12 || !gradient.is_finite() {
+        return None;
+    }
+    let per = 1.0 / gradient;
+    let by_line = ray.xy1 * per;
+    let mut by_shared = SVector::<f64, SHARED>::zeros();
+    let by_camera = ray_by_camera(camera, at).transpose() * line.xy() * per;
+    for k in 0..6 {
+        by_shared[k] = by_camera[k];
+    }
+    by_shared[SKEW] = by_camera[6];
+    by_shared.fixed_rows_mut::<3>(PLANES + 3 * laser).copy_from(&-by_line);
+    // q = n / (n . t): dq = dn / d - q (dn . t + n . dt) / d, dn = turn x n.
+    let normal_by_turn = -normal.cross_matrix();
+    let q_by_turn = (normal_by_turn - q * (pose.translation_mm.transpose() * normal_by_turn)) / distance;
+    let q_by_shift = -q * normal.transpose() / distance;
+    let mut by_pose = SVector::<f64, POSE>::zeros();
+    by_pose.fixed_rows_mut::<3>(0).copy_from(&(q_by_turn.transpose() * by_line));
+    by_pose.fixed_rows_mut::<3>(3).copy_from(&(q_by_shift.transpose() * by_line));
+    Some(Row { px: line.dot(&ray.xy1) * per, by_shared, by_pose })
+}
+
+/// Mean px per mm at a place on the board.
+pub(super) fn px_per_mm(camera: &CameraModel, pose: &Pose<Cam, OnBoard>, at_mm: Vector2<f64>) -> f64 {
+    let p: Vector3<f64> = board_matrix(pose) * at_mm.push(1.0);
+    let m: Matrix3<f64> = board_matrix(pose);
+    let by_board = Matrix2::new(
+        m[(0, 0)] - m[(2, 0)] * p.x / p.z,
+        m[(0, 1)] - m[(2, 1)] * p.x / p.z,
+        m[(1, 0)] - m[(2, 0)] * p.y / p.z,
+        m[(1, 1)] - m[(2, 1)] * p.y / p.z,
+    ) / p.z;
+    (by_board.determinant().abs() * camera.fx * camera.fy).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Rotation3;
+
+    fn shared() -> Shared {
+        Shared {
+            camera: CameraModel {
+                fx: 2458.9,
+                fy: 2453.8,
+                skew: 0.7,
+                cx: 1239.5,
+                cy: 1032.6,
+                k1: -0.034,
+                k2: 0.32,
+            },
+            planes: [
+                Vector3::new(0.0079, -0.0082, 0.0002),
+                Vector3::new(0.0108, -0.0112, 0.0022),
+                Vector3::new(0.0104, 0.0096, 0.0017),
+                Vector3::new(0.0080, 0.0073, -0.0004),
+            ],
+        }
+    }
+
+    fn pose() -> Pose<Cam, OnBoard> {
+        let turn = Rotation3::from_euler_angles(3.4, 0.3, 0.5);
+        Pose::new(turn.into_inner(), Vector3::new(30.0, -50.0, 1200.0))
+    }
+
+    /// Every derivative against a central difference of the residual itself.
+    fn check(rows: impl Fn(&Shared, &Pose<Cam, OnBoard>) -> Vec<Row>, slack: f64) {
+        let (shared, pose) = (shared(), pose());
+        let here = rows(&shared, &pose);
+        let residual = |shared: &Shared, pose: &Pose<Cam, OnBoard>, i: usize| rows(shared, pose)[i].px;
+        for (i, row) in here.iter().enumerate() {
+            for k in 0..SHARED {
+                let size = match k {
+                    4 | 5 => 1e-4,
+                    PLANES..SKEW => 1e-8,
+                    _ => 1e-2,
+                };
+                let mut step = SVector::zeros();
+                step[k] = size;
+                let numeric = (residual(&shared.plus(&step), &pose, i)
+                    - residual(&shared.plus(&-step), &pose, i))
+                    / (2.0 * size);
+                let found = row.by_shared[k];
+                assert!(
+                    (found - numeric).abs() <= slack * (1e-6 + numeric.abs()),
+                    "row {i} shared {k}: {found} {numeric}"
+                );
+            }
+            for k in 0..POSE {
+                let size = if k < 3 { 1e-6 } else { 1e-3 };
+                let mut step = SVector::zeros();
+                step[k] = size;
+                let numeric = (residual(&shared, &moved(&pose, &step), i)
+                    - residual(&shared, &moved(&pose, &-step), i))
+                    / (2.0 * size);
+                let found = row.by_pose[k];
+                assert!(
+                    (found - numeric).abs() <= slack * (1e-6 + numeric.abs()),
+                    "row {i} pose {k}: {found} {numeric}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn derivatives_of_centres_are_those_of_finite_differences() {
+        for at in [Vector2::new(0.0, 0.0), Vector2::new(250.0, -150.0), Vector2::new(-350.0, 300.0)] {
+            check(|s, p| centre_rows(s, p, at, Px::new(900.0, 800.0)).expect("in front").into(), 1e-4);
+        }
+    }
+
+    #[test]
+    fn derivatives_of_stripes_are_those_of_finite_differences() {
+        // On the stripe itself, where the constant factor is exact.
+        for laser in 0..4 {
+            for start in [500.0, 1400.0] {
+                let q = board_plane(&pose());
+                let line = q - shared().planes[laser];
+                let (mut u, v) = (1200.0, start);
+                for _ in 0..20 {
+                    let (ray, j) = shared().camera.ray_from_px_with_jacobian(Px::new(u, v));
+                    u -= line.dot(&ray.xy1) / (j.transpose() * line.xy()).x;
+                }
+                check(|s, p| vec![stripe_row(s, p, laser, Px::new(u, v)).expect("a line")], 1e-3);
+            }
+        }
+    }
+}

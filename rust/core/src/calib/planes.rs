@@ -1,0 +1,121 @@
+//! Which stripe is which laser's, and a start for the four planes: total least squares through the stripes' points in
+//! space, as the paper does.
+
+use super::stripes::BoardStripe;
+use crate::frames::{Cam, Plane};
+use crate::units::LaserId;
+use nalgebra::{Matrix3, Vector3};
+
+/// The stripes of one frame in space.
+pub(super) struct StripesInSpace<'a> {
+    pub stripes: &'a [BoardStripe],
+    /// Points in the camera frame, mm, beside each stripe's own.
+    pub points: Vec<Vec<Vector3<f64>>>,
+}
+
+/// A plane that strays from a stripe by more than this share of the distance has not made it, rad: half the 0.17 between
+/// two stripes of a pair, with room for a board that is not quite flat.
+const MAX_ANGLE: f64 = 0.03;
+
+/// By direction and order, as the head is built (CONVENTIONS.md): of the stripes on which u and v grow together laser 1 is
+/// the right one, of the others laser 4. `None` unless both are seen.
+fn by_order(stripes: &[BoardStripe]) -> Vec<Option<usize>> {
+    let mut lasers = vec![None; stripes.len()];
+    for (down, right, left) in [(true, 0, 1), (false, 3, 2)] {
+        let pair: Vec<usize> = (0..stripes.len()).filter(|i| stripes[*i].down == down).collect();
+        if let [a, b] = pair[..] {
+            let (r, l) = if stripes[a].across > stripes[b].across { (a, b) } else { (b, a) };
+            (lasers[r], lasers[l]) = (Some(right), Some(left));
+        }
+    }
+    lasers
+}
+
+/// The planes (`p . X = 1`) and the laser of every stripe of every frame; `None` for stripes that fit no plane. An error
+/// names the laser that is never seen beside its twin.
+pub(super) fn start(
+    frames: &[StripesInSpace],
+) -> Result<([Vector3<f64>; 4], Vec<Vec<Option<usize>>>), LaserId> {
+    let mut lasers: Vec<Vec<Option<usize>>> = frames.iter().map(|f| by_order(f.stripes)).collect();
+    let mut planes = [Vector3::zeros(); 4];
+    // The second pass has the stripes that were alone, and is without those that were not the lasers'.
+    for _ in 0..3 {
+        for id in LaserId::ALL {
+            planes[id.index()] = robust_plane(frames, &lasers, id.index()).ok_or(id)?;
+        }
+        for (frame, lasers) in frames.iter().zip(&mut lasers) {
+            for (i, (stripe, points)) in frame.stripes.iter().zip(&frame.points).enumerate() {
+                let range = if stripe.down { 0..2 } else { 2..4 };
+                let off = |laser: &usize| mean_angle(&planes[*laser], points);
+                lasers[i] = range.min_by(|a, b| off(a).total_cmp(&off(b))).filter(|l| off(l) < MAX_ANGLE);
+            }
+            // Two stripes cannot be one laser's: keep the better.
+            for laser in 0..4 {
+                let mine: Vec<usize> = (0..lasers.len()).filter(|i| lasers[*i] == Some(laser)).collect();
+                if let [a, b] = mine[..] {
+                    let off = |i: usize| mean_angle(&planes[laser], &frame.points[i]);
+                    lasers[if off(a) < off(b) { b } else { a }] = None;
+                }
+            }
+        }
+    }
+    Ok((planes, lasers))
+}
+
+/// Mean angle between the plane and the points as seen from the camera, rad.
+fn mean_angle(plane: &Vector3<f64>, points: &[Vector3<f64>]) -> f64 {
+    let sum: f64 = points.iter().map(|p| ((plane.dot(p) - 1.0) / plane.norm()).abs() / p.norm()).sum();
+    sum / points.len().max(1) as f64
+}
+
+/// The plane of most frames: fitted, then without the frames that stray, twice.
+fn robust_plane(
+    frames: &[StripesInSpace],
+    lasers: &[Vec<Option<usize>>],
+    laser: usize,
+) -> Option<Vector3<f64>> {
+    let mut sets: Vec<&Vec<Vector3<f64>>> = Vec::new();
+    for (frame, lasers) in frames.iter().zip(lasers) {
+        sets.extend(frame.points.iter().zip(lasers).filter(|(_, l)| **l == Some(laser)).map(|(p, _)| p));
+    }
+    // Two frames span a plane: the pair on which most frames agree starts.
+    let agreeing = |plane: &Vector3<f64>| sets.iter().filter(|s| mean_angle(plane, s) < MAX_ANGLE).count();
+    let mut best: Option<(usize, Vector3<f64>)> = None;
+    for i in 0..sets.len() {
+        for j in 0..i {
+            if let Some(plane) = plane_through(&[sets[i], sets[j]]) {
+                let count = agreeing(&plane);
+                if best.is_none_or(|(most, _)| count > most) {
+                    best = Some((count, plane));
+                }
+            }
+        }
+    }
+    let mut plane = best?.1;
+    for _ in 0..2 {
+        let near: Vec<&Vec<Vector3<f64>>> =
+            sets.iter().copied().filter(|s| mean_angle(&plane, s) < MAX_ANGLE).collect();
+        plane = plane_through(&near)?;
+    }
+    Some(plane)
+}
+
+/// Total least squares: the normal is where the points spread least.
+fn plane_through(sets: &[&Vec<Vector3<f64>>]) -> Option<Vector3<f64>> {
+    let n = sets.iter().map(|s| s.len()).sum::<usize>() as f64;
+    if n < 3.0 {
+        return None;
+    }
+    let all = || sets.iter().flat_map(|s| s.iter());
+    let middle = all().sum::<Vector3<f64>>() / n;
+    let spread = all().map(|p| (p - middle) * (p - middle).transpose()).sum::<Matrix3<f64>>();
+    let eigen = spread.symmetric_eigen();
+    let normal: Vector3<f64> = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into();
+    let distance = normal.dot(&middle);
+    (distance.abs() > 1.0).then(|| normal / distance)
+}
+
+/// The planes as types.
+pub(super) fn typed(planes: &[Vector3<f64>; 4]) -> [Plane<Cam>; 4] {
+    planes.map(Plane::new)
+}

@@ -1,0 +1,402 @@
+//! From what all frames show to the calibration: camera from the circles, then stripes, then everything together.
+
+use super::adjust::{
+    CentreSeen, Fixed, FrameSeen, Loss, Scatter, StripeSeen, adjust, residuals, scatter, solve_scaled, weight,
+};
+use super::board::{Board, BoardView, OnBoard};
+use super::judge;
+use super::model::{SHARED, Shared};
+use super::planes::{self, StripesInSpace};
+use super::reject::{CalibrationReject, FrameReject};
+use super::rim::{centre_from_rim, median, on_board};
+use super::stripes::{BoardStripe, find_stripes};
+use super::zhang;
+use crate::camera::CameraModel;
+use crate::frames::{Cam, Plane, Point, Pose};
+use crate::image::Frame;
+use crate::units::{LaserId, Px};
+use nalgebra::{SMatrix, SVector, Vector2, Vector3};
+
+/// Covariance of fx, fy, cx, cy, k1, k2 and of the four planes `p . X = 1` (x, y, z each, laser 1 first, 1/mm).
+pub type CalibrationCovariance = SMatrix<f64, 18, 18>;
+
+/// Fewest frames: as the paper's set could be cut down to; 5 are less than what the checks below need.
+pub const MIN_FRAMES: usize = 6;
+/// Rounds of centres from rims with the camera of the round before; the first starts from ellipses.
+const RIM_ROUNDS: usize = 3;
+/// Residuals above this are no noise: the board is bent, the lens moves, or circles are mixed up. px an axis.
+const MAX_RMS_PX: f64 = 2.0;
+/// A frame is an outlier at so many times the median of all frames' scatter, and at least this, px.
+const OUTLIER: f64 = 4.0;
+const MIN_OUTLIER_PX: f64 = 0.3;
+/// Rim statistics cannot be better than this: JPEG and interpolation, px.
+const MIN_SIGMA_PX: f64 = 0.01;
+
+/// How to solve.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct CalibrationSettings {
+    /// Estimate the skew too. The paper does not; a sensor has none.
+    pub skew: bool,
+}
+
+/// The camera and the boards' poses, from circles alone.
+#[derive(Clone, Debug)]
+pub struct CameraSolution {
+    board: Board,
+    settings: CalibrationSettings,
+    shared: Shared,
+    views: Vec<BoardView>,
+    frames: Vec<FrameSeen>,
+    /// `None` for frames that take part.
+    rejects: Vec<Option<FrameReject>>,
+}
+
+/// Solves the camera from the views of at least [`MIN_FRAMES`] frames of one size.
+///
+/// # Errors
+/// [`CalibrationReject`] if the views do not fix a camera.
+pub fn solve_camera(
+    views: Vec<BoardView>,
+    board: &Board,
+    settings: CalibrationSettings,
+) -> Result<CameraSolution, CalibrationReject> {
+    if views.len() < MIN_FRAMES {
+        return Err(CalibrationReject::TooFewFrames { usable: views.len(), needed: MIN_FRAMES });
+    }
+    judge::check_counts(&views, board)?;
+    let pairs: Vec<Vec<(Vector2<f64>, Px)>> = views.iter().map(|v| pairs_of(v, board)).collect();
+    let unsolved = || CalibrationReject::NoSolution { rms_px: f64::INFINITY, limit_px: MAX_RMS_PX };
+    let homographies: Vec<_> = pairs.iter().filter_map(|p| zhang::homography(p)).collect();
+    let (width, height) = (views[0].width_px, views[0].height_px);
+    let camera = zhang::camera(&homographies, width, height).ok_or_else(unsolved)?;
+    let mut frames = Vec::with_capacity(views.len());
+    for pairs in &pairs {
+        let pose = zhang::pose(&camera, pairs).ok_or_else(unsolved)?;
+        let centres = pairs
+            .iter()
+            .map(|(board_mm, at)| CentreSeen { board_mm: *board_mm, at: *at, sigma_px: 1.0 })
+            .collect();
+        frames.push(FrameSeen { pose, centres, stripes: Vec::new() });
+    }
+    judge::check_tilt(frames.iter().map(|f| &f.pose))?;
+    let rejects = vec![None; views.len()];
+    let shared = Shared { camera, planes: [Vector3::new(0.01, 0.01, 0.0); 4] };
+    let mut solution = CameraSolution { board: *board, settings, shared, views, frames, rejects };
+    solution.adjust_camera().ok_or_else(unsolved)?;
+    judge::check_ratio(&solution.views, board, &solution.shared.camera, &solution.poses())?;
+    judge::check_tilt(solution.frames.iter().map(|f| &f.pose))?;
+    let rms_px = solution.rms_px().norm() / std::f64::consts::SQRT_2;
+    if rms_px.is_nan() || rms_px > MAX_RMS_PX {
+        return Err(CalibrationReject::NoSolution { rms_px, limit_px: MAX_RMS_PX });
+    }
+    let usable = solution.rejects.iter().filter(|r| r.is_none()).count();
+    if usable < MIN_FRAMES {
+        return Err(CalibrationReject::TooFewFrames { usable, needed: MIN_FRAMES });
+    }
+    Ok(solution)
+}
+
+fn pairs_of(view: &BoardView, board: &Board) -> Vec<(Vector2<f64>, Px)> {
+    view.circles.iter().map(|c| (board.centre_mm(c.column, c.row), c.ellipse_centre)).collect()
+}
+
+impl CameraSolution {
+    /// Whether the i-th view takes part, and if not, why.
+    #[must_use]
+    pub fn reject(&self, view: usize) -> Option<&FrameReject> {
+        self.rejects.get(view)?.as_ref()
+    }
+
+    /// The stripes on the board of the i-th view.
+    #[must_use]
+    pub fn find_stripes(&self, view: usize, frame: &Frame) -> Vec<BoardStripe> {
+        find_stripes(frame, &self.board, &self.views[view], &self.shared.camera, &self.frames[view].pose)
+    }
+
+    fn poses(&self) -> Vec<Pose<Cam, OnBoard>> {
+        self.frames.iter().map(|f| f.pose).collect()
+    }
+
+    fn fixed(&self, distortion: bool, planes: bool) -> Fixed {
+        Fixed { skew: !self.settings.skew, distortion, planes }
+    }
+
+    fn adjust_camera(&mut self) -> Option<()> {
+        let even = Scatter { centres: 1.0, stripes: 1.0, stripe_correlation: 1.0, centre_correlation: 1.0 };
+        for distortion in [true, false] {
+            let spread = Scatter { centres: scatter(&self.shared, &self.frames).centres, ..even };
+            let fixed = self.fixed(distortion, true);
+            adjust(&mut self.shared, &mut self.frames, &spread, fixed, Loss::Huber)?;
+        }
+        for _ in 0..RIM_ROUNDS {
+            self.centres_from_rims();
+            self.leave_outliers_out();
+            let mut used = self.used_frames();
+            let spread = Scatter { centres: scatter(&self.shared, &used).centres, ..even };
+            let fixed = self.fixed(false, true);
+            adjust(&mut self.shared, &mut used, &spread, fixed, Loss::Tukey)?;
+            self.put_back(used);
+        }
+        Some(())
+    }
+
+    fn used_frames(&self) -> Vec<FrameSeen> {
+        self.frames.iter().zip(&self.rejects).filter(|(_, r)| r.is_none()).map(|(f, _)| f.clone()).collect()
+    }
+
+    fn put_back(&mut self, used: Vec<FrameSeen>) {
+        let places = self.frames.iter_mut().zip(&self.rejects).filter(|(_, r)| r.is_none());
+        for ((frame, _), new) in places.zip(used) {
+            *frame = new;
+        }
+    }
+
+    /// Replaces the centres of ellipses by what the rims say with the present camera and poses.
+    fn centres_from_rims(&mut self) {
+        let radius_mm = 0.5 * self.board.diameter_mm;
+        for (frame, view) in self.frames.iter_mut().zip(&self.views) {
+            for (seen, circle) in frame.centres.iter_mut().zip(&view.circles) {
+                let found =
+                    centre_from_rim(&self.shared.camera, &frame.pose, seen.board_mm, radius_mm, &circle.rim);
+                match found {
+                    Some(centre) => {
+                        seen.at = centre.at;
+                        seen.sigma_px = centre.sigma_px.max(MIN_SIGMA_PX);
+                    }
+                    None => seen.sigma_px = 1e3,
+                }
+            }
+        }
+    }
+
+    fn leave_outliers_out(&mut self) {
+        let rms: Vec<f64> = self
+            .frames
+            .iter()
+            .map(|frame| {
+                let (centres, _) = residuals(&self.shared, frame);
+                // The typical circle, not the worst: one covered circle is no reason to leave a frame out.
+                let squares = centres.iter().map(|r| 0.5 * r.norm_squared());
+                median(squares).map_or(f64::INFINITY, |m| (m / 0.69).sqrt())
+            })
+            .collect();
+        let used = rms.iter().zip(&self.rejects).filter(|(_, r)| r.is_none()).map(|(x, _)| *x);
+        let limit_px = median(used).map_or(MIN_OUTLIER_PX, |m| (OUTLIER * m).max(MIN_OUTLIER_PX));
+        for (reject, rms_px) in self.rejects.iter_mut().zip(rms) {
+            let off = rms_px.is_nan() || rms_px > limit_px;
+            if reject.is_none() && off {
+                *reject = Some(FrameReject::Outlier { rms_px, limit_px });
+            }
+        }
+    }
+
+    fn rms_px(&self) -> Vector2<f64> {
+        rms_of_centres(&self.shared, &self.used_frames())
+    }
+}
+
+/// Root mean square of all centres' residuals an axis, those that are 4.7 sigmas off left out.
+fn rms_of_centres(shared: &Shared, frames: &[FrameSeen]) -> Vector2<f64> {
+    let spread = scatter(shared, frames).centres;
+    let (mut sum, mut n) = (Vector2::zeros(), 0.0);
+    for frame in frames {
+        let (centres, _) = residuals(shared, frame);
+        for (r, seen) in centres.iter().zip(&frame.centres) {
+            if r.iter().all(|x| weight(x / (seen.sigma_px * spread), Loss::Tukey) > 0.0) {
+                sum += r.component_mul(r);
+                n += 1.0;
+            }
+        }
+    }
+    (sum / f64::max(n, 1.0)).map(f64::sqrt)
+}
+
+/// One circle's residual.
+#[derive(Clone, Copy, Debug)]
+pub struct CentreResidual {
+    /// Where the model projects the centre.
+    pub at: Px,
+    /// Observed minus projected (u, v), px.
+    pub residual_px: Vector2<f64>,
+    /// Whether it counted.
+    pub used: bool,
+}
+
+/// One stripe centre's residual.
+#[derive(Clone, Copy, Debug)]
+pub struct StripeResidual {
+    /// Which laser.
+    pub laser: LaserId,
+    /// Where it was seen.
+    pub at: Px,
+    /// Distance from the camera, mm along its axis.
+    pub depth_mm: f64,
+    /// Distance from the model across the stripe, px.
+    pub residual_px: f64,
+    /// Whether it counted.
+    pub used: bool,
+}
+
+/// What one frame contributed.
+#[derive(Clone, Debug)]
+pub struct FrameResult {
+    /// Which view, as given to [`solve_camera`].
+    pub view: usize,
+    /// Where the board is.
+    pub cam_from_board: Pose<Cam, OnBoard>,
+    /// Of every circle.
+    pub centres: Vec<CentreResidual>,
+    /// Of every stripe centre.
+    pub stripes: Vec<StripeResidual>,
+}
+
+/// A solved calibration.
+#[derive(Clone, Debug)]
+pub struct CalibrationSolution {
+    /// The camera.
+    pub camera: CameraModel,
+    /// Laser 1 to 4.
+    pub lasers: [Plane<Cam>; 4],
+    /// What is known about them.
+    pub covariance: CalibrationCovariance,
+    /// Root mean square of the circles' residuals, u and v, px.
+    pub centre_rms_px: [f64; 2],
+    /// ... of the stripes' across, laser 1 to 4, px.
+    pub stripe_rms_px: [f64; 4],
+    /// How much larger circles scatter than their rims say, and stripes than speckle and noise say.
+    pub scatter: [f64; 2],
+    /// How many neighbouring circles, and stripe centres, go together.
+    pub correlation: [f64; 2],
+    /// Every frame that takes part.
+    pub frames: Vec<FrameResult>,
+    pub(super) next: Vec<FrameSeen>,
+    pub(super) shared: Shared,
+    pub(super) information: SMatrix<f64, SHARED, SHARED>,
+    pub(super) image_px: [usize; 2],
+    pub(super) board: Board,
+}
+
+/// Solves planes and camera together. `stripes` are those of every view, from [`CameraSolution::find_stripes`]; views that
+/// take no part may have none.
+///
+/// # Errors
+/// [`CalibrationReject`] with what is missing.
+pub fn solve_all(
+    mut solution: CameraSolution,
+    stripes: &[Vec<BoardStripe>],
+) -> Result<CalibrationSolution, CalibrationReject> {
+    let unsolved = || CalibrationReject::NoSolution { rms_px: f64::INFINITY, limit_px: MAX_RMS_PX };
+    let camera = solution.shared.camera;
+    let none = Vec::new();
+    let in_space: Vec<StripesInSpace> = (0..solution.views.len())
+        .map(|i| {
+            let used = solution.rejects[i].is_none();
+            let stripes = if used { stripes.get(i).unwrap_or(&none) } else { &none };
+            let pose = &solution.frames[i].pose;
+            let in_space = |px: &Px| {
+                on_board(&camera, pose, *px).map(|at| pose.transform(&Point::new(at.x, at.y, 0.0)).mm)
+            };
+            let points = stripes.iter().map(|s| s.points.iter().filter_map(|(px, _)| in_space(px)).collect());
+            StripesInSpace { stripes, points: points.collect() }
+        })
+        .collect();
+    let (planes, lasers) = planes::start(&in_space).map_err(|laser| {
+        let down = laser.number() <= 2;
+        let frames = in_space.iter().filter(|f| f.stripes.iter().filter(|s| s.down == down).count() == 2);
+        CalibrationReject::LaserSeenTooRarely {
+            laser,
+            frames: frames.count(),
+            needed: judge::MIN_LASER_FRAMES,
+        }
+    })?;
+    let ranges = judge::check_lasers(&in_space, &lasers)?;
+    drop(in_space);
+    judge::check_distance(&ranges)?;
+    solution.shared.planes = planes;
+    for (i, lasers) in lasers.iter().enumerate() {
+        for (stripe, laser) in stripes.get(i).unwrap_or(&none).iter().zip(lasers) {
+            let Some(laser) = *laser else { continue };
+            let seen =
+                stripe.points.iter().map(|(at, sigma_px)| StripeSeen { laser, at: *at, sigma_px: *sigma_px });
+            solution.frames[i].stripes.extend(seen);
+        }
+        solution.frames[i].stripes.sort_by_key(|s| s.laser);
+    }
+    let fixed = solution.fixed(false, false);
+    let mut used = solution.used_frames();
+    let mut spread = scatter(&solution.shared, &used);
+    spread.stripes = spread.stripes.max(1.0);
+    adjust(&mut solution.shared, &mut used, &spread, fixed, Loss::Huber).ok_or_else(unsolved)?;
+    let mut information = None;
+    for _ in 0..RIM_ROUNDS {
+        solution.put_back(used);
+        solution.centres_from_rims();
+        used = solution.used_frames();
+        spread = scatter(&solution.shared, &used);
+        information = adjust(&mut solution.shared, &mut used, &spread, fixed, Loss::Tukey);
+    }
+    let information = information.ok_or_else(unsolved)?;
+    let (_, inverse) = solve_scaled(&information, &SVector::zeros()).ok_or_else(unsolved)?;
+    let covariance: CalibrationCovariance = inverse.fixed_view::<18, 18>(0, 0).into();
+    let views: Vec<usize> = (0..solution.views.len()).filter(|i| solution.rejects[*i].is_none()).collect();
+    let image_px = [solution.views[0].width_px, solution.views[0].height_px];
+    Ok(summarise(solution.shared, used, &views, spread, covariance, information, image_px, solution.board))
+}
+
+#[allow(clippy::too_many_arguments)] // one call; a struct would be built only for it
+fn summarise(
+    shared: Shared,
+    used: Vec<FrameSeen>,
+    views: &[usize],
+    spread: Scatter,
+    covariance: CalibrationCovariance,
+    information: SMatrix<f64, SHARED, SHARED>,
+    image_px: [usize; 2],
+    board: Board,
+) -> CalibrationSolution {
+    let mut frames = Vec::with_capacity(used.len());
+    let mut stripe_sums = [(0.0, 0.0f64); 4];
+    for (seen, view) in used.iter().zip(views) {
+        let (centres, stripes) = residuals(&shared, seen);
+        let plane = Plane::<Cam>::new(super::model::board_plane(&seen.pose));
+        let centres = centres.iter().zip(&seen.centres).map(|(r, c)| CentreResidual {
+            at: Px::new(c.at.u - r.x, c.at.v - r.y),
+            residual_px: *r,
+            used: r.iter().all(|x| weight(x / (c.sigma_px * spread.centres), Loss::Tukey) > 0.0),
+        });
+        let stripes = stripes.iter().zip(&seen.stripes).map(|(r, s)| StripeResidual {
+            laser: LaserId::ALL[s.laser],
+            at: s.at,
+            depth_mm: 1.0 / plane.inverse_depth_per_mm(&shared.camera.ray_from_px(s.at)),
+            residual_px: *r,
+            used: weight(r / (s.sigma_px * spread.stripes), Loss::Tukey) > 0.0,
+        });
+        let stripes: Vec<StripeResidual> = stripes.collect();
+        for s in stripes.iter().filter(|s| s.used) {
+            stripe_sums[s.laser.index()].0 += s.residual_px * s.residual_px;
+            stripe_sums[s.laser.index()].1 += 1.0;
+        }
+        frames.push(FrameResult {
+            view: *view,
+            cam_from_board: seen.pose,
+            centres: centres.collect(),
+            stripes,
+        });
+    }
+    let rms = rms_of_centres(&shared, &used);
+    CalibrationSolution {
+        camera: shared.camera,
+        lasers: planes::typed(&shared.planes),
+        covariance,
+        centre_rms_px: [rms.x, rms.y],
+        stripe_rms_px: stripe_sums.map(|(sum, n)| (sum / n.max(1.0)).sqrt()),
+        scatter: [spread.centres, spread.stripes],
+        correlation: [spread.centre_correlation, spread.stripe_correlation],
+        frames,
+        next: used,
+        shared,
+        information,
+        image_px,
+        board,
+    }
+}
