@@ -19,6 +19,7 @@ KEY_POINT_NEAR_PX = 4.0  # label pixels: what lies so near to a true line may be
 KEY_POINT_APART_PX = 3.0  # and so near to the other line may be either
 EDGE_REACH_PX, LASER_REACH_PX = 10.0, 40.0  # how far from a key point its two lines are looked at
 KEY_POINT_PIXELS = 6  # least number of pixels of a line
+LINE_SPREAD_PX = 1.5  # rms from their line; pixels spread evenly over what is near a true line would have 2.3 and lie on it by chance
 THRESHOLDS = torch.arange(0.1, 0.91, 0.05)
 LINE_CHANNELS = tuple(c for c in CHANNELS if c not in ("face_mask", "corner"))
 LINE_FITTED_FROM = 0.3  # pixels of a laser map from here on vote in its line fit
@@ -140,7 +141,7 @@ def crossing(one: tuple, other: tuple) -> np.ndarray | None:
 
 
 def key_points(single: np.ndarray, lasers: np.ndarray, face_edge: np.ndarray, threshold: float) -> tuple[list[np.ndarray], int]:
-    """Errors (x, y; input pixels) of the key points that a single map gives, and how many there are in truth.
+    """Errors (x, y; input pixels) of the key points that a thinned single map gives, and how many there are in truth.
 
     Which line is which comes from the truth (h, w; lasers 4, h, w), where it lies from the map: the same for every network.
     A key point is where a laser's line meets an edge of the face; where the labels do not tell it (a corner near by,
@@ -170,7 +171,8 @@ def key_points(single: np.ndarray, lasers: np.ndarray, face_edge: np.ndarray, th
             on_laser = (to_laser < KEY_POINT_NEAR_PX) & (to_edge > KEY_POINT_APART_PX) & (along > 0) & (along < LASER_REACH_PX)
             on_edge = (to_edge < KEY_POINT_NEAR_PX) & (to_laser > KEY_POINT_APART_PX) & (np.abs(offset @ edge[1]) < EDGE_REACH_PX)
             lines = [straight_line(drawn[part], weight[part]) for part in (on_laser, on_edge)]
-            found = crossing(*lines) if None not in lines else None
+            clear = all(line is not None and line[2] <= LINE_SPREAD_PX for line in lines)
+            found = crossing(*lines) if clear else None
             if found is not None:
                 errors.append(NET_SCALE * (found - point))
     return errors, count
@@ -206,7 +208,7 @@ class Scores:
         predicted_map = prediction if self.single else single_map(prediction)
         self._add_lines("single", predicted_map, truth_map)
         if self.key_point_threshold is not None:
-            for drawn, label in zip(predicted_map[:, 0].numpy(), labels.numpy()):
+            for drawn, label in zip(thinned(predicted_map)[:, 0].numpy(), labels.numpy()):
                 errors, count = key_points(drawn, label[:4], label[5], self.key_point_threshold)
                 self.key_point_errors += errors
                 self.true_key_points += count
