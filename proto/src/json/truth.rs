@@ -110,6 +110,13 @@ pub struct Board {
     pub thickness_mm: f64,
 }
 
+impl From<Board> for boxline::calib::Board {
+    fn from(board: Board) -> Self {
+        let Board { columns, rows, pitch_mm, diameter_mm, .. } = board;
+        Self { columns, rows, pitch_mm, diameter_mm }
+    }
+}
+
 /// Reads a `board.json`.
 ///
 /// # Errors

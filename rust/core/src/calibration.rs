@@ -4,7 +4,11 @@ use crate::camera::CameraModel;
 use crate::error::{Error, ErrorKind};
 use crate::frames::{Cam, Plane};
 use crate::units::LaserId;
-use nalgebra::Vector3;
+use nalgebra::{SMatrix, Vector3};
+
+/// Covariance of fx, fy, cx, cy, k1, k2 (px, and 1 for the last two) and of the four planes `p . X = 1` (x, y, z each, laser
+/// 1 first, 1/mm).
+pub type CalibrationCovariance = SMatrix<f64, 18, 18>;
 
 /// A head's calibration. Built only by [`Calibration::new`], which checks every number.
 #[derive(Clone, Debug, PartialEq)]
@@ -14,6 +18,7 @@ pub struct Calibration {
     height_px: u32,
     camera: CameraModel,
     lasers: [Plane<Cam>; 4],
+    covariance: Option<Box<CalibrationCovariance>>,
 }
 
 impl Calibration {
@@ -61,7 +66,8 @@ impl Calibration {
             }
             *plane = Plane::new(-normal / d);
         }
-        let calibration = Self { serial: serial.into(), width_px, height_px, camera, lasers };
+        let calibration =
+            Self { serial: serial.into(), width_px, height_px, camera, lasers, covariance: None };
         for (first, second) in [(0, 1), (2, 3)] {
             let (n1, n2) = (calibration.lasers[first].per_mm, calibration.lasers[second].per_mm);
             let angle = n1.angle(&n2).min(n1.angle(&-n2));
@@ -76,6 +82,44 @@ impl Calibration {
             }
         }
         Ok(calibration)
+    }
+
+    /// The same calibration with what is known of its own uncertainty.
+    ///
+    /// # Errors
+    /// [`ErrorKind::InvalidCalibration`] unless all numbers are finite, the matrix is symmetric and no variance negative.
+    pub fn with_covariance(mut self, covariance: CalibrationCovariance) -> Result<Self, Error> {
+        let invalid = |text: String| Error::new(ErrorKind::InvalidCalibration, text);
+        for i in 0..18 {
+            let variance = covariance[(i, i)];
+            if !variance.is_finite() || variance < 0.0 {
+                return Err(invalid(format!("covariance[{i}][{i}] is {variance}, a variance is needed")));
+            }
+            for j in 0..i {
+                let (a, b) = (covariance[(i, j)], covariance[(j, i)]);
+                let most = (variance * covariance[(j, j)]).sqrt() * (1.0 + 1e-6);
+                // Written by our own solver it is symmetric to the last digits that are kept.
+                if !a.is_finite() || (a - b).abs() > 1e-6 * most || a.abs() > most {
+                    return Err(invalid(format!(
+                        "covariance[{i}][{j}] is {a} and [{j}][{i}] is {b}: both must be equal and at most {most:e}"
+                    )));
+                }
+            }
+        }
+        self.covariance = Some(Box::new(covariance));
+        Ok(self)
+    }
+
+    /// Covariance of the parameters, if the calibration came with one.
+    #[must_use]
+    pub fn covariance(&self) -> Option<&CalibrationCovariance> {
+        self.covariance.as_deref()
+    }
+
+    /// The planes of all four lasers in `Cam`.
+    #[must_use]
+    pub const fn lasers(&self) -> &[Plane<Cam>; 4] {
+        &self.lasers
     }
 
     /// Serial number of the head.

@@ -12,6 +12,7 @@ mod grid;
 mod judge;
 mod model;
 mod next_frame;
+pub mod opencv;
 mod planes;
 mod reject;
 mod rim;
@@ -20,13 +21,14 @@ mod stripes;
 pub mod uncertainty;
 mod zhang;
 
+pub use crate::calibration::CalibrationCovariance;
 pub use board::{Board, BoardView, Circle, OnBoard};
 pub use detect::{MIN_CIRCLES, find_board};
 pub use judge::tilt_deg;
 pub use next_frame::{Advice, next_frame};
 pub use reject::{CalibrationReject, FrameReject};
 pub use solve::{
-    CalibrationCovariance, CalibrationSettings, CalibrationSolution, CameraSolution, CentreResidual,
-    FrameResult, MIN_FRAMES, StripeResidual, solve_all, solve_camera,
+    CalibrationSettings, CalibrationSolution, CameraSolution, CentreResidual, FrameResult, MIN_FRAMES,
+    StripeResidual, solve_all, solve_camera,
 };
 pub use stripes::BoardStripe;

@@ -3,9 +3,10 @@
 use super::adjust::{CentreSeen, FrameSeen, StripeSeen};
 use super::board::OnBoard;
 use super::model::{POSE, SHARED, board_plane, centre_rows, stripe_row};
-use super::solve::{CalibrationCovariance, CalibrationSolution};
+use super::solve::CalibrationSolution;
 use super::uncertainty::{side_sigma_mm, usual_distance_mm};
 use super::{adjust, rim};
+use crate::calibration::CalibrationCovariance;
 use crate::frames::{Cam, Point, Pose, Ray};
 use crate::units::Px;
 use nalgebra::{Rotation3, SMatrix, SVector, Vector2, Vector3};

@@ -11,14 +11,12 @@ use super::reject::{CalibrationReject, FrameReject};
 use super::rim::{centre_from_rim, median, on_board};
 use super::stripes::{BoardStripe, find_stripes};
 use super::zhang;
+use crate::calibration::CalibrationCovariance;
 use crate::camera::CameraModel;
 use crate::frames::{Cam, Plane, Point, Pose};
 use crate::image::Frame;
 use crate::units::{LaserId, Px};
 use nalgebra::{SMatrix, SVector, Vector2, Vector3};
-
-/// Covariance of fx, fy, cx, cy, k1, k2 and of the four planes `p . X = 1` (x, y, z each, laser 1 first, 1/mm).
-pub type CalibrationCovariance = SMatrix<f64, 18, 18>;
 
 /// Fewest frames: as the paper's set could be cut down to; 5 are less than what the checks below need.
 pub const MIN_FRAMES: usize = 6;
@@ -338,6 +336,7 @@ pub fn solve_all(
     let information = information.ok_or_else(unsolved)?;
     let (_, inverse) = solve_scaled(&information, &SVector::zeros()).ok_or_else(unsolved)?;
     let covariance: CalibrationCovariance = inverse.fixed_view::<18, 18>(0, 0).into();
+    let covariance = 0.5 * (covariance + covariance.transpose());
     let views: Vec<usize> = (0..solution.views.len()).filter(|i| solution.rejects[*i].is_none()).collect();
     let image_px = [solution.views[0].width_px, solution.views[0].height_px];
     Ok(summarise(solution.shared, used, &views, spread, covariance, information, image_px, solution.board))

@@ -1,6 +1,6 @@
 //! What a calibration's covariance means for a box: standard deviation of a side.
 
-use super::solve::CalibrationCovariance;
+use crate::calibration::CalibrationCovariance;
 use crate::camera::CameraModel;
 use crate::frames::{Cam, Plane};
 use crate::units::Px;

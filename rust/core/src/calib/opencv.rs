@@ -1,0 +1,182 @@
+//! To and from OpenCV's camera model. Its polynomial goes from the ideal to the distorted coordinate, the opposite way to
+//! ours, so coefficients cannot be exchanged: each side is fitted to the other over the whole sensor, and what is left is
+//! told in px. OpenCV: `calib3d`, "Detailed Description" (radial k1, k2, k3, tangential p1, p2).
+
+use crate::camera::CameraModel;
+use crate::frames::Ray;
+use crate::units::Px;
+use nalgebra::{DMatrix, DVector, Vector2};
+
+/// OpenCV's camera: matrix without skew, and five distortion coefficients.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OpenCvCamera {
+    /// Focal length along the rows, px.
+    pub fx: f64,
+    /// Focal length along the columns, px.
+    pub fy: f64,
+    /// Principal point, column, px.
+    pub cx: f64,
+    /// Principal point, row, px.
+    pub cy: f64,
+    /// k1, k2, p1, p2, k3, as in `distCoeffs`.
+    pub distortion: [f64; 5],
+}
+
+/// What a refit leaves over the sensor, px.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RefitResidual {
+    /// Root mean square of the distance.
+    pub rms_px: f64,
+    /// Largest distance.
+    pub max_px: f64,
+}
+
+impl OpenCvCamera {
+    /// The pixel of an ideal ray.
+    #[must_use]
+    pub fn px_from_ray(&self, x: f64, y: f64) -> Px {
+        let [k1, k2, p1, p2, k3] = self.distortion;
+        let r2 = x * x + y * y;
+        let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
+        let xd = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x);
+        let yd = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y;
+        Px::new(self.fx * xd + self.cx, self.fy * yd + self.cy)
+    }
+}
+
+const COLUMNS: usize = 37;
+const ROWS: usize = 28;
+const ITERATIONS: usize = 20;
+
+fn sensor(width_px: u32, height_px: u32) -> impl Iterator<Item = Px> {
+    let (w, h) = (f64::from(width_px) - 1.0, f64::from(height_px) - 1.0);
+    let share = |i: usize, n: usize| i as f64 / (n - 1) as f64;
+    (0..ROWS).flat_map(move |j| (0..COLUMNS).map(move |i| Px::new(w * share(i, COLUMNS), h * share(j, ROWS))))
+}
+
+/// OpenCV's camera that is nearest to ours over the sensor. Its tangential terms stay 0: ours has none.
+#[must_use]
+pub fn to_opencv(
+    camera: &CameraModel,
+    width_px: u32,
+    height_px: u32,
+) -> Option<(OpenCvCamera, RefitResidual)> {
+    let pairs: Vec<(Vector2<f64>, Px)> =
+        sensor(width_px, height_px).map(|px| (camera.ray_from_px(px).xy1.xy(), px)).collect();
+    let build = |p: &[f64]| OpenCvCamera {
+        fx: p[0],
+        fy: p[1],
+        cx: p[2],
+        cy: p[3],
+        distortion: [p[4], p[5], 0.0, 0.0, p[6]],
+    };
+    let start = [camera.fx, camera.fy, camera.cx, camera.cy, -camera.k1, -camera.k2, 0.0];
+    let residuals = |p: &[f64]| {
+        let camera = build(p);
+        let off = |(ray, px): &(Vector2<f64>, Px)| {
+            let found = camera.px_from_ray(ray.x, ray.y);
+            [found.u - px.u, found.v - px.v]
+        };
+        Some(pairs.iter().flat_map(off).collect())
+    };
+    let (found, residual) = fit(&start, residuals)?;
+    Some((build(&found), residual))
+}
+
+/// Our camera that is nearest to OpenCV's over the sensor.
+#[must_use]
+pub fn from_opencv(
+    camera: &OpenCvCamera,
+    width_px: u32,
+    height_px: u32,
+) -> Option<(CameraModel, RefitResidual)> {
+    // The inverse of OpenCV's polynomial by iteration; pixels where it has none are left out.
+    let ray_of = |px: Px| -> Option<Vector2<f64>> {
+        let wanted = Vector2::new((px.u - camera.cx) / camera.fx, (px.v - camera.cy) / camera.fy);
+        let mut ray = wanted;
+        for _ in 0..100 {
+            let at = camera.px_from_ray(ray.x, ray.y);
+            let off = Vector2::new((at.u - px.u) / camera.fx, (at.v - px.v) / camera.fy);
+            ray -= off;
+            if off.norm() < 1e-12 {
+                return Some(ray);
+            }
+        }
+        None
+    };
+    let pairs: Vec<(Vector2<f64>, Px)> =
+        sensor(width_px, height_px).filter_map(|px| Some((ray_of(px)?, px))).collect();
+    if pairs.len() < COLUMNS * ROWS / 2 {
+        return None;
+    }
+    let build =
+        |p: &[f64]| CameraModel { fx: p[0], fy: p[1], skew: 0.0, cx: p[2], cy: p[3], k1: p[4], k2: p[5] };
+    let start = [camera.fx, camera.fy, camera.cx, camera.cy, -camera.distortion[0], -camera.distortion[1]];
+    let residuals = |p: &[f64]| {
+        let camera = build(p);
+        let mut all = Vec::with_capacity(2 * pairs.len());
+        for (ray, px) in &pairs {
+            let found = camera.px_from_ray(&Ray::new(ray.x, ray.y))?;
+            all.extend([found.u - px.u, found.v - px.v]);
+        }
+        Some(all)
+    };
+    // A strong start may have no inverse at the corners: then without distortion.
+    let flat = [camera.fx, camera.fy, camera.cx, camera.cy, 0.0, 0.0];
+    let (found, residual) = fit(&start, residuals).or_else(|| fit(&flat, residuals))?;
+    Some((build(&found), residual))
+}
+
+/// Gauss-Newton with differences: seven unknowns, smooth, a good start.
+fn fit(start: &[f64], residuals: impl Fn(&[f64]) -> Option<Vec<f64>>) -> Option<(Vec<f64>, RefitResidual)> {
+    let mut p = start.to_vec();
+    for _ in 0..ITERATIONS {
+        let here = DVector::from_vec(residuals(&p)?);
+        let mut jacobian = DMatrix::zeros(here.len(), p.len());
+        for k in 0..p.len() {
+            let size = if k < 4 { 1e-3 } else { 1e-6 };
+            let mut q = p.clone();
+            q[k] += size;
+            let there = DVector::from_vec(residuals(&q)?);
+            jacobian.set_column(k, &((there - &here) / size));
+        }
+        let step = (jacobian.transpose() * &jacobian).cholesky()?.solve(&(jacobian.transpose() * here));
+        p.iter_mut().zip(step.iter()).for_each(|(p, s)| *p -= s);
+        if step.amax() < 1e-9 {
+            break;
+        }
+    }
+    let left = residuals(&p)?;
+    let distances: Vec<f64> = left.chunks_exact(2).map(|d| d[0].hypot(d[1])).collect();
+    let rms_px = (distances.iter().map(|d| d * d).sum::<f64>() / distances.len() as f64).sqrt();
+    let max_px = distances.iter().copied().fold(0.0, f64::max);
+    max_px.is_finite().then_some((p, RefitResidual { rms_px, max_px }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn there_and_back_is_the_same_camera_to_what_the_refit_leaves() {
+        let camera =
+            CameraModel { fx: 2458.9, fy: 2453.8, skew: 0.0, cx: 1239.5, cy: 1032.6, k1: -0.034, k2: 0.32 };
+        let (opencv, residual) = to_opencv(&camera, 2592, 1944).expect("a smooth lens");
+        assert!(residual.max_px < 0.5, "{residual:?}");
+        let (back, residual) = from_opencv(&opencv, 2592, 1944).expect("a smooth lens");
+        assert!(residual.max_px < 0.5, "{residual:?}");
+        for px in sensor(2592, 1944) {
+            let ray = camera.ray_from_px(px);
+            let other = back.px_from_ray(&ray).expect("on the sensor");
+            assert!(other.distance_px(px) < 1.0, "{px:?} {other:?}");
+        }
+    }
+
+    #[test]
+    fn without_distortion_nothing_is_left() {
+        let camera =
+            CameraModel { fx: 2000.0, fy: 2010.0, skew: 0.0, cx: 1300.0, cy: 900.0, k1: 0.0, k2: 0.0 };
+        let (opencv, residual) = to_opencv(&camera, 2592, 1944).expect("a pinhole");
+        assert!(residual.max_px < 1e-6 && opencv.distortion.iter().all(|k| k.abs() < 1e-9));
+    }
+}
