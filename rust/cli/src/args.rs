@@ -44,6 +44,31 @@ Reads folders that hold recording.json and truth.json, or parents of such folder
 measured as a pair of frames; any other recording frame by frame. Measuring where a refusal was due, and refusing where a
 measurement was due, is flagged as WRONG. Exit codes: 0 the evaluation ran, whatever it found; 2 broken input or usage.")]
     Evaluate(EvaluateArgs),
+    /// Calibrates camera and lasers of a head from frames of the circle board
+    #[command(after_help = "\
+Example:
+  boxline calibrate ../shared/recordings/calibration_set -o calibration.json --report report.html
+
+Reads recording.json (frames of role board, lasers on; at least 6, tilted, from near and far) and board.json. Frames that
+cannot be used are named with the reason. The calibration in the folder, if any, is not read.
+Exit codes: 0 calibrated, 2 broken input or usage, 3 the frames fix no calibration.")]
+    Calibrate(crate::calibrate::CalibrateArgs),
+    /// Checks a calibration with one known length
+    #[command(after_help = "\
+Example:
+  boxline verify tests/data/b03 --calibration calibration.json --length 800.0
+
+Exit codes: 0 the length is in, 2 broken input or usage, 3 it is out, or the object could not be measured.")]
+    Verify(crate::verify::VerifyArgs),
+    /// Converts a calibration's camera to and from OpenCV's model
+    #[command(after_help = "\
+Examples:
+  boxline convert calibration.json --to opencv -o camera.json
+  boxline convert calibration.json --from opencv --camera camera.json -o new.json
+
+The distortions run in opposite directions: the camera is refitted over the sensor and what is left is told in px.
+Exit codes: 0 written, 2 broken input or usage.")]
+    Convert(crate::convert::ConvertArgs),
     /// Renders recordings with known truth, or labelled frames for training
     #[cfg(feature = "render")]
     #[command(after_help = "\

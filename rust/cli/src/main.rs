@@ -6,6 +6,8 @@
 //! `{"outcome": "error", "error": {"kind": "invalid_frame", "text": "a.jpg: ..."}}`.
 
 mod args;
+mod calibrate;
+mod convert;
 mod evaluate;
 mod input;
 mod measure;
@@ -13,6 +15,7 @@ mod overlay;
 #[cfg(feature = "render")]
 mod render;
 mod text;
+mod verify;
 
 use args::{Args, Command};
 use boxline::ErrorKind;
@@ -43,6 +46,9 @@ fn main() -> ExitCode {
         Command::Measure(args) => measure::measure(&args),
         Command::Face(args) => measure::face(&args),
         Command::Evaluate(args) => evaluate::evaluate(&args),
+        Command::Calibrate(args) => calibrate::calibrate(&args),
+        Command::Verify(args) => verify::verify(&args),
+        Command::Convert(args) => convert::convert(&args),
         #[cfg(feature = "render")]
         Command::Render(args) => render::render(&args),
     };

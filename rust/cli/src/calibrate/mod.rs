@@ -1,0 +1,307 @@
+//! `boxline calibrate`: a folder of board frames in, the head's calibration and a report out.
+
+mod plots;
+mod report;
+
+use crate::Finished;
+use crate::input::{Usage, read_frame};
+use anyhow::Context;
+use boxline::calib::uncertainty::{side_sigma_mm, usual_distance_mm};
+use boxline::calib::{
+    Advice, Board, BoardStripe, CalibrationReject, CalibrationSettings, CalibrationSolution, FrameReject,
+    find_board, next_frame, solve_all, solve_camera,
+};
+use boxline::{Calibration, Frame, LaserId};
+use boxline_proto::json::{
+    Laser, RecordedFrame, Role, calibration_json, read_board, read_recording, write_json,
+};
+use clap::Args as ClapArgs;
+use indicatif::{ProgressBar, ProgressStyle};
+use rayon::prelude::*; // frames are independent; scoped threads would need a queue of our own
+use serde_json::{Value, json};
+use std::path::PathBuf;
+use std::time::Instant;
+
+const SOLVED: u8 = 0;
+const REFUSED: u8 = 3;
+/// Sides whose standard deviation is told, mm.
+pub const SIDES_MM: [f64; 4] = [150.0, 600.0, 1200.0, 1800.0];
+
+#[derive(ClapArgs)]
+pub struct CalibrateArgs {
+    /// Folder with recording.json (board frames, lasers on) and board.json
+    #[arg(value_name = "FOLDER")]
+    pub folder: PathBuf,
+    /// Where to write the calibration
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
+    /// Write a report with pictures (one HTML file)
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
+    /// The board, if it is not board.json of the folder
+    #[arg(long, value_name = "FILE")]
+    pub board: Option<PathBuf>,
+    /// Estimate the skew too
+    #[arg(long)]
+    pub skew: bool,
+    /// Print one JSON object
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Everything that is told about a solved set.
+pub struct Solved {
+    pub serial: String,
+    /// All board frames of the recording, and why those are left out that are.
+    pub names: Vec<String>,
+    pub left_out: Vec<(String, FrameReject)>,
+    /// Index into `names` of every view that was solved with.
+    pub views: Vec<usize>,
+    pub solution: CalibrationSolution,
+    pub size_px: [usize; 2],
+    pub side_sigmas_mm: [Option<f64>; 4],
+    pub advice: Option<Advice>,
+    pub seconds: f64,
+}
+
+/// Runs `boxline calibrate`.
+pub fn calibrate(args: &CalibrateArgs) -> anyhow::Result<Finished> {
+    let start = Instant::now();
+    let recording = read_recording(&args.folder)?;
+    let board_file = args.board.clone().unwrap_or_else(|| args.folder.join("board.json"));
+    let board = Board::from(read_board(&board_file)?);
+    let frames: Vec<&RecordedFrame> =
+        recording.frames.iter().filter(|f| f.role == Role::Board && f.laser == Laser::On).collect();
+    for output in [Some(&args.output), args.report.as_ref()].into_iter().flatten() {
+        if frames.iter().map(|f| &f.file).chain([&board_file]).any(|input| same_file(input, output)) {
+            return Err(Usage(format!("{}: would overwrite an input", output.display())).into());
+        }
+    }
+    let mut left_out = Vec::new();
+    match solve(&frames, &board, args, &mut left_out) {
+        Ok((views, solution, size_px)) => {
+            let sigma = |side: f64| {
+                let (camera, lasers) = (&solution.camera, &solution.lasers);
+                side_sigma_mm(camera, lasers, &solution.covariance, side, usual_distance_mm(side))
+            };
+            let solved = Solved {
+                serial: recording.serial.clone(),
+                names: frames.iter().map(|f| f.id.clone()).collect(),
+                left_out,
+                views,
+                side_sigmas_mm: SIDES_MM.map(sigma),
+                advice: next_frame(&solution),
+                solution,
+                size_px,
+                seconds: start.elapsed().as_secs_f64(),
+            };
+            let value = calibration_value(&solved, &board)?;
+            write_json(&args.output, &value)?;
+            if let Some(path) = &args.report {
+                write_whole(path, &report::html(&solved)?)?;
+            }
+            let stdout =
+                if args.json { outcome_json(&solved, &value).to_string() } else { text(&solved, args) };
+            Ok(Finished { stdout, exit_code: SOLVED })
+        }
+        Err(reject) => {
+            let stdout = if args.json {
+                let left_out: Vec<Value> = left_out.iter().map(left_out_json).collect();
+                let reason = json!({"reason": reject.reason(), "text": reject.to_string()});
+                json!({"outcome": "rejected", "reject": reason, "left_out": left_out}).to_string()
+            } else {
+                let lines = left_out.iter().map(|(name, why)| format!("left out   {name}: {why}\n"));
+                format!("{}not calibrated: {reject}", lines.collect::<String>())
+            };
+            Ok(Finished { stdout, exit_code: REFUSED })
+        }
+    }
+}
+
+type Found = (Vec<usize>, CalibrationSolution, [usize; 2]);
+
+fn solve(
+    frames: &[&RecordedFrame],
+    board: &Board,
+    args: &CalibrateArgs,
+    left_out: &mut Vec<(String, FrameReject)>,
+) -> Result<Found, CalibrationReject> {
+    let bar = progress(frames.len() as u64, "circles");
+    let load = |i: usize| -> Result<Frame, FrameReject> {
+        read_frame(&frames[i].file).map_err(|e| FrameReject::Unreadable { text: e.to_string() })
+    };
+    let found: Vec<_> = (0..frames.len())
+        .into_par_iter()
+        .map(|i| {
+            let frame = load(i)?;
+            let size = [frame.width_px(), frame.height_px()];
+            let view = find_board(&frame, board);
+            bar.inc(1);
+            Ok((size, view))
+        })
+        .collect();
+    bar.finish_and_clear();
+    // The size of most frames is the head's.
+    let sizes: Vec<[usize; 2]> =
+        found.iter().filter_map(|f| f.as_ref().ok().map(|(size, _)| *size)).collect();
+    let count = |size: &[usize; 2]| sizes.iter().filter(|s| *s == size).count();
+    let size_px = sizes.iter().copied().max_by_key(count).unwrap_or_default();
+    let (mut views, mut indices) = (Vec::new(), Vec::new());
+    for (i, found) in found.into_iter().enumerate() {
+        let view = found.and_then(|(size, view)| {
+            if size == size_px { view } else { Err(FrameReject::OtherSize { found: size, needed: size_px }) }
+        });
+        match view {
+            Ok(view) => {
+                views.push(view);
+                indices.push(i);
+            }
+            Err(why) => left_out.push((frames[i].id.clone(), why)),
+        }
+    }
+    let camera = solve_camera(views, board, CalibrationSettings { skew: args.skew })?;
+    for (view, i) in indices.iter().enumerate() {
+        left_out.extend(camera.reject(view).map(|why| (frames[*i].id.clone(), why.clone())));
+    }
+    let bar = progress(indices.len() as u64, "stripes");
+    // Frames are decoded twice: 40 ms each, against 15 MB each to keep them.
+    let stripes: Vec<Vec<BoardStripe>> = (0..indices.len())
+        .into_par_iter()
+        .map(|view| {
+            bar.inc(1);
+            if camera.reject(view).is_some() {
+                return Vec::new();
+            }
+            load(indices[view])
+                .map_or_else(|_unreadable| Vec::new(), |frame| camera.find_stripes(view, &frame))
+        })
+        .collect();
+    bar.finish_and_clear();
+    let solution = solve_all(camera, &stripes)?;
+    Ok((indices, solution, size_px))
+}
+
+/// On a terminal only; indicatif hides it elsewhere.
+fn progress(length: u64, what: &'static str) -> ProgressBar {
+    let style = ProgressStyle::with_template("{msg:8} {bar:40} {pos}/{len}")
+        .unwrap_or_else(|_| ProgressStyle::default_bar());
+    ProgressBar::new(length).with_style(style).with_message(what)
+}
+
+fn calibration_value(solved: &Solved, board: &Board) -> anyhow::Result<Value> {
+    let s = &solved.solution;
+    let planes = s.lasers.map(|plane| [plane.per_mm.x, plane.per_mm.y, plane.per_mm.z, -1.0]);
+    let size = solved.size_px.map(|n| u32::try_from(n).unwrap_or(u32::MAX));
+    let calibration = Calibration::new(solved.serial.clone(), size, s.camera, planes)
+        .and_then(|c| c.with_covariance(s.covariance))
+        .context("the solution is no head's calibration")?;
+    let mut value = calibration_json(&calibration);
+    value["residuals"] = json!({
+        "circles_rms_px": s.centre_rms_px,
+        "stripes_rms_px": s.stripe_rms_px,
+        "frames": s.frames.len(),
+        "circles": s.frames.iter().map(|f| f.centres.len()).sum::<usize>(),
+        "stripe_points": s.frames.iter().map(|f| f.stripes.len()).sum::<usize>(),
+        "side_sigma_mm": SIDES_MM.iter().zip(solved.side_sigmas_mm).map(|(side, sigma)| {
+            json!({"side_mm": side, "distance_mm": usual_distance_mm(*side), "sigma_mm": sigma})
+        }).collect::<Vec<_>>(),
+    });
+    let used: Vec<&str> = s.frames.iter().map(|f| solved.names[solved.views[f.view]].as_str()).collect();
+    value["provenance"] = json!({
+        "program": concat!("boxline ", env!("CARGO_PKG_VERSION")),
+        "board": {"columns": board.columns, "rows": board.rows, "pitch_mm": board.pitch_mm, "diameter_mm": board.diameter_mm},
+        "frames": used,
+    });
+    Ok(value)
+}
+
+fn left_out_json((name, why): &(String, FrameReject)) -> Value {
+    json!({"frame": name, "why": why.to_string()})
+}
+
+fn outcome_json(solved: &Solved, calibration: &Value) -> Value {
+    json!({
+        "outcome": "calibrated",
+        "calibration": calibration,
+        "left_out": solved.left_out.iter().map(left_out_json).collect::<Vec<_>>(),
+        "next_frame": solved.advice.as_ref().map(advice_text),
+        "seconds": solved.seconds,
+    })
+}
+
+/// Names, values and sigmas of the camera's parameters.
+pub fn camera_rows(s: &CalibrationSolution) -> [(&'static str, f64, f64); 6] {
+    let c = &s.camera;
+    let values = [("fx", c.fx), ("fy", c.fy), ("cx", c.cx), ("cy", c.cy), ("k1", c.k1), ("k2", c.k2)];
+    std::array::from_fn(|i| (values[i].0, values[i].1, s.covariance[(i, i)].max(0.0).sqrt()))
+}
+
+/// What to take next, in words.
+pub fn advice_text(advice: &Advice) -> String {
+    let side = match advice.towards_deg as i32 {
+        0 => "right",
+        90 => "bottom",
+        180 => "left",
+        _ => "top",
+    };
+    let tilt = if advice.tilt_deg == 0.0 {
+        "facing the head".to_owned()
+    } else {
+        format!("turned by {:.0} degrees towards the picture's {side}", advice.tilt_deg)
+    };
+    format!(
+        "a frame of the board at {:.0} mm, {tilt}, would bring the 1800 mm side from {:.3} to {:.3} mm (1 sigma)",
+        advice.distance_mm, advice.sigma_now_mm, advice.sigma_then_mm
+    )
+}
+
+fn text(solved: &Solved, args: &CalibrateArgs) -> String {
+    let s = &solved.solution;
+    let mut lines = vec![format!(
+        "{} frames of {}, {} circles, {} stripe points, {:.1} s",
+        s.frames.len(),
+        solved.names.len(),
+        s.frames.iter().map(|f| f.centres.len()).sum::<usize>(),
+        s.frames.iter().map(|f| f.stripes.len()).sum::<usize>(),
+        solved.seconds
+    )];
+    lines.extend(solved.left_out.iter().map(|(name, why)| format!("left out   {name}: {why}")));
+    for (name, value, sigma) in camera_rows(s) {
+        let digits = if name.starts_with('k') { 6 } else { 3 };
+        lines.push(format!("{name}         {value:.digits$} ± {sigma:.digits$}"));
+    }
+    lines.push(format!("circles    {:.3}, {:.3} px rms (u, v)", s.centre_rms_px[0], s.centre_rms_px[1]));
+    for id in LaserId::ALL {
+        let frames = s.frames.iter().filter(|f| f.stripes.iter().any(|p| p.laser == id)).count();
+        lines.push(format!("laser {id}    {:.3} px rms, in {frames} frames", s.stripe_rms_px[id.index()]));
+    }
+    for (side, sigma) in SIDES_MM.iter().zip(solved.side_sigmas_mm) {
+        let sigma = sigma.map_or("unknown".to_owned(), |x| format!("{x:.3} mm"));
+        lines.push(format!(
+            "side {side:<5} ± {sigma} at {:.0} mm, from the calibration alone",
+            usual_distance_mm(*side)
+        ));
+    }
+    lines.extend(solved.advice.as_ref().map(|a| format!("next       {}", advice_text(a))));
+    lines.push(format!("written    {}", args.output.display()));
+    lines.extend(args.report.as_ref().map(|path| format!("report     {}", path.display())));
+    lines.push("(± is one standard deviation)".to_owned());
+    lines.join("\n")
+}
+
+fn same_file(a: &std::path::Path, b: &std::path::Path) -> bool {
+    matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
+}
+
+/// A report appears whole or not at all.
+fn write_whole(path: &std::path::Path, text: &str) -> anyhow::Result<()> {
+    use std::io::Write;
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(std::path::Path::new("."));
+    let write = || -> std::io::Result<()> {
+        let mut file = tempfile::NamedTempFile::new_in(folder)?;
+        file.write_all(text.as_bytes())?;
+        file.persist(path)?;
+        Ok(())
+    };
+    write().with_context(|| format!("{}: cannot write", path.display()))
+}

@@ -1,0 +1,121 @@
+//! `boxline convert`: the camera of a calibration to and from OpenCV's model, in OpenCV's own JSON
+//! (`cv2.FileStorage("camera.json", ...)`: nodes camera_matrix, distortion_coefficients, image_width, image_height).
+
+use crate::Finished;
+use crate::input::Usage;
+use anyhow::{Context, anyhow};
+use boxline::Calibration;
+use boxline::calib::opencv::{OpenCvCamera, RefitResidual, from_opencv, to_opencv};
+use boxline_proto::json::{calibration_json, read_calibration, write_json};
+use clap::{Args as ClapArgs, ValueEnum};
+use serde_json::{Value, json};
+use std::path::PathBuf;
+
+#[derive(ClapArgs)]
+#[group(id = "direction", required = true, args = ["to", "from"])]
+pub struct ConvertArgs {
+    /// The calibration whose camera is written, or, with --from, whose head and laser planes are kept
+    #[arg(value_name = "CALIBRATION.json")]
+    pub calibration: PathBuf,
+    /// Write the camera in this model
+    #[arg(long, value_enum)]
+    pub to: Option<Model>,
+    /// Take the camera from a file in this model, given by --camera
+    #[arg(long, value_enum, requires = "camera")]
+    pub from: Option<Model>,
+    /// The other program's camera
+    #[arg(long, value_name = "FILE")]
+    pub camera: Option<PathBuf>,
+    /// Where to write
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
+    /// Print one JSON object
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub enum Model {
+    Opencv,
+}
+
+/// Files of a camera have a few hundred bytes.
+const MAX_BYTES: u64 = 1 << 20;
+
+/// Runs `boxline convert`.
+pub fn convert(args: &ConvertArgs) -> anyhow::Result<Finished> {
+    let calibration = read_calibration(&args.calibration)?;
+    let (width, height) = (calibration.width_px(), calibration.height_px());
+    let (value, residual) = if let Some(path) = args.camera.as_ref().filter(|_| args.from.is_some()) {
+        let camera = read_opencv(path, width, height).with_context(|| path.display().to_string())?;
+        let (camera, residual) = from_opencv(&camera, width, height)
+            .ok_or_else(|| anyhow!("{}: the distortion has no inverse over the sensor", path.display()))?;
+        let planes = calibration.lasers().map(|plane| [plane.per_mm.x, plane.per_mm.y, plane.per_mm.z, -1.0]);
+        let taken = Calibration::new(calibration.serial(), [width, height], camera, planes)?;
+        (calibration_json(&taken), residual)
+    } else {
+        if args.camera.is_some() {
+            return Err(Usage("--camera goes with --from".into()).into());
+        }
+        let (camera, residual) = to_opencv(calibration.camera(), width, height)
+            .ok_or_else(|| anyhow!("{}: the distortion has no inverse", args.calibration.display()))?;
+        (opencv_json(&camera, width, height), residual)
+    };
+    write_json(&args.output, &value)?;
+    let RefitResidual { rms_px, max_px } = residual;
+    let stdout = if args.json {
+        json!({"outcome": "converted", "rms_px": rms_px, "max_px": max_px}).to_string()
+    } else {
+        format!(
+            "written {}: refitted over the sensor, {rms_px:.4} px rms and {max_px:.4} px at most are left",
+            args.output.display()
+        )
+    };
+    Ok(Finished { stdout, exit_code: 0 })
+}
+
+fn matrix(rows: usize, cols: usize, data: &[f64]) -> Value {
+    json!({"type_id": "opencv-matrix", "rows": rows, "cols": cols, "dt": "d", "data": data})
+}
+
+fn opencv_json(c: &OpenCvCamera, width: u32, height: u32) -> Value {
+    json!({
+        "image_width": width,
+        "image_height": height,
+        "camera_matrix": matrix(3, 3, &[c.fx, 0.0, c.cx, 0.0, c.fy, c.cy, 0.0, 0.0, 1.0]),
+        "distortion_coefficients": matrix(1, 5, &c.distortion),
+    })
+}
+
+fn read_opencv(path: &std::path::Path, width: u32, height: u32) -> anyhow::Result<OpenCvCamera> {
+    use std::io::Read;
+    let mut bytes = Vec::new();
+    std::fs::File::open(path)?.take(MAX_BYTES).read_to_end(&mut bytes)?;
+    let value: Value = serde_json::from_slice(&bytes).context("not OpenCV's JSON")?;
+    for (key, needed) in [("image_width", width), ("image_height", height)] {
+        if let Some(found) = value[key].as_u64().filter(|found| *found != u64::from(needed)) {
+            return Err(anyhow!("{key} is {found}, the calibration has {needed}"));
+        }
+    }
+    let numbers = |key: &str| -> anyhow::Result<Vec<f64>> {
+        let data = value[key]["data"].as_array().ok_or_else(|| anyhow!("{key}.data: a list is needed"))?;
+        let read = |x: &Value| x.as_f64().filter(|x| x.is_finite());
+        data.iter()
+            .map(read)
+            .collect::<Option<_>>()
+            .ok_or_else(|| anyhow!("{key}.data: finite numbers are needed"))
+    };
+    let k = numbers("camera_matrix")?;
+    let [fx, skew, cx, _, fy, cy, ..] = k[..] else {
+        return Err(anyhow!("camera_matrix.data has {} numbers, 9 are needed", k.len()));
+    };
+    if k.len() != 9 || fx <= 0.0 || fy <= 0.0 || skew != 0.0 {
+        return Err(anyhow!("camera_matrix: 9 numbers, positive focal lengths and no skew are needed"));
+    }
+    let mut d = numbers("distortion_coefficients")?;
+    if ![4, 5].contains(&d.len()) {
+        return Err(anyhow!("distortion_coefficients.data has {} numbers, 4 or 5 are understood", d.len()));
+    }
+    d.resize(5, 0.0);
+    Ok(OpenCvCamera { fx, fy, cx, cy, distortion: [d[0], d[1], d[2], d[3], d[4]] })
+}

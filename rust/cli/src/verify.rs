@@ -1,0 +1,99 @@
+//! `boxline verify`: a calibration against one known length.
+
+use crate::Finished;
+use crate::input::{lit_faces, pair, read_frame};
+use boxline::calib::uncertainty::{side_sigma_mm, usual_distance_mm};
+use boxline::{Estimate, FaceOutcome, Outcome, Settings, StageTimes, measure_box, measure_face};
+use boxline_proto::json::{read_calibration, read_recording};
+use clap::Args as ClapArgs;
+use serde_json::json;
+use std::path::PathBuf;
+
+const IN: u8 = 0;
+const OUT: u8 = 3;
+/// In, if the known length lies within so many standard deviations.
+const LIMIT_SIGMAS: f64 = 3.0;
+
+#[derive(ClapArgs)]
+pub struct VerifyArgs {
+    /// A recording of a box with one known side
+    #[arg(value_name = "FOLDER")]
+    pub folder: PathBuf,
+    /// The calibration to check
+    #[arg(long, value_name = "FILE")]
+    pub calibration: PathBuf,
+    /// The known length of the nearest side, mm
+    #[arg(long, value_name = "MM", value_parser = positive)]
+    pub length: f64,
+    /// Print one JSON object
+    #[arg(long)]
+    pub json: bool,
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    text.parse()
+        .ok()
+        .filter(|x: &f64| x.is_finite() && *x > 0.0)
+        .ok_or("a positive number of mm is needed".to_owned())
+}
+
+/// Runs `boxline verify`.
+pub fn verify(args: &VerifyArgs) -> anyhow::Result<Finished> {
+    let recording = read_recording(&args.folder)?;
+    let calibration = read_calibration(&args.calibration)?;
+    let settings = Settings::default();
+    let mut sides: Vec<Estimate> = Vec::new();
+    let mut why = String::new();
+    if let Ok([a, b]) = pair(&recording) {
+        let frames = (read_frame(&a.file)?, read_frame(&b.file)?);
+        let report = measure_box(&frames.0, &frames.1, &calibration, &settings, &mut StageTimes::new())?;
+        match &report.outcome {
+            Outcome::Measured(found) => sides.extend([found.length, found.width, found.height]),
+            Outcome::Ambiguous(both) => sides.extend(both.iter().flat_map(|b| [b.length, b.width, b.height])),
+            Outcome::Rejected(reject) => why = reject.to_string(),
+        }
+    } else {
+        for recorded in lit_faces(&recording) {
+            let frame = read_frame(&recorded.file)?;
+            match measure_face(&frame, &calibration, &settings, &mut StageTimes::new())? {
+                FaceOutcome::Measured(face) => sides.extend([face.length, face.width]),
+                FaceOutcome::Rejected(reject) => why = reject.to_string(),
+            }
+        }
+    }
+    let off = |e: &Estimate| (e.value_mm - args.length).abs();
+    let Some(side) = sides.into_iter().min_by(|a, b| off(a).total_cmp(&off(b))) else {
+        let stdout = if args.json {
+            json!({"outcome": "rejected", "reject": {"reason": "not_measured", "text": why}}).to_string()
+        } else {
+            format!("not verified: the object could not be measured: {why}")
+        };
+        return Ok(Finished { stdout, exit_code: OUT });
+    };
+    // What the calibration says of itself comes on top of what the measurement says.
+    let own = calibration.covariance().and_then(|covariance| {
+        let distance_mm = usual_distance_mm(args.length);
+        side_sigma_mm(calibration.camera(), calibration.lasers(), covariance, args.length, distance_mm)
+    });
+    let sigma_mm = side.sigma_mm.hypot(own.unwrap_or(0.0));
+    let error_mm = side.value_mm - args.length;
+    let verdict = if error_mm.abs() <= LIMIT_SIGMAS * sigma_mm { "in" } else { "out" };
+    let stdout = if args.json {
+        json!({"outcome": verdict, "measured_mm": side.value_mm, "known_mm": args.length, "error_mm": error_mm,
+               "sigma_mm": sigma_mm, "calibration_sigma_mm": own, "limit_sigmas": LIMIT_SIGMAS})
+        .to_string()
+    } else {
+        format!(
+            "{verdict}: measured {:.2} ± {sigma_mm:.2} mm, known {:.2} mm: off by {error_mm:+.2} mm, {:.2} mm ({LIMIT_SIGMAS} sigmas) are allowed{}",
+            side.value_mm,
+            args.length,
+            LIMIT_SIGMAS * sigma_mm,
+            if own.is_none() {
+                "\n(the calibration has no covariance: its own share of ± is not counted)"
+            } else {
+                ""
+            }
+        )
+    };
+    Ok(Finished { stdout, exit_code: if verdict == "in" { IN } else { OUT } })
+}
