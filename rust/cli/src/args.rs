@@ -39,6 +39,8 @@ Example:
 Examples:
   boxline evaluate tests/data
   boxline evaluate tests/data/b01 tests/data/refuse --method both --json
+  boxline evaluate --edges
+  boxline evaluate tests/data --edges --model boxnet.onnx
 
 Reads folders that hold recording.json and truth.json, or parents of such folders. A recording whose truth has a box is
 measured as a pair of frames; any other recording frame by frame. Measuring where a refusal was due, and refusing where a
@@ -117,8 +119,8 @@ pub struct FaceArgs {
 
 #[derive(ClapArgs)]
 pub struct EvaluateArgs {
-    /// Recordings with truth.json, or folders of such recordings
-    #[arg(required = true, value_name = "FOLDER")]
+    /// Recordings with truth.json, or folders of such recordings; `--edges` alone needs none
+    #[arg(value_name = "FOLDER")]
     pub folders: Vec<PathBuf>,
     /// Replaces the calibration that each recording.json names
     #[arg(long, value_name = "FILE")]
@@ -126,9 +128,19 @@ pub struct EvaluateArgs {
     /// How sides are computed; `both` shows the paper's way beside the fit
     #[arg(long, value_enum, default_value_t = EvaluateMethod::Fit)]
     pub method: EvaluateMethod,
-    /// How the edges of the face are found
-    #[arg(long, value_enum, default_value_t = EdgeName::Gradient)]
-    pub edges: EdgeName,
+    /// How the edges of the face are found. Without a name, nothing is measured but the network's maps are scored, on the
+    /// folders' frames or, if there are none, on rendered ones
+    #[arg(long, value_enum, value_name = "NAME")]
+    pub edges: Option<Option<EdgeName>>,
+    /// Score this network instead of the one that ships (.onnx)
+    #[arg(long, value_name = "FILE")]
+    pub model: Option<PathBuf>,
+    /// Rendered frames to score
+    #[arg(long, value_name = "N", default_value_t = 1500, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    pub frames: u64,
+    /// JPEGs for the textures of rendered frames (rust/edgenet/training/photos.sh fills a folder)
+    #[arg(long, value_name = "FOLDER")]
+    pub photos: Option<PathBuf>,
     /// Print one JSON object
     #[arg(long)]
     pub json: bool,
@@ -228,8 +240,9 @@ pub enum EvaluateMethod {
     Both,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
+#[derive(Clone, Copy, Default, ValueEnum)]
 pub enum EdgeName {
+    #[default]
     Gradient,
     Hough,
 }

@@ -92,6 +92,8 @@ fn kind_of(error: &anyhow::Error) -> &'static str {
             ErrorKind::CalibrationMismatch => "calibration_mismatch",
             ErrorKind::InvalidFrame => "invalid_frame",
             ErrorKind::InvalidFile => "invalid_file",
+            ErrorKind::ModelFile => "model_file",
+            ErrorKind::NetworkRuntime => "network_runtime",
             ErrorKind::Io => "io",
             _ => "other",
         };

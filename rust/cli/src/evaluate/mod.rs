@@ -1,10 +1,12 @@
 //! `boxline evaluate`: measures recordings whose truth is known and says how far off the results are.
 
+#[cfg(feature = "render")]
+mod maps;
 mod score;
 mod tables;
 
 use crate::Finished;
-use crate::args::EvaluateArgs;
+use crate::args::{EdgeName, EvaluateArgs};
 use crate::input::{Usage, lit_faces, pair, read_frame};
 use boxline::{
     Calibration, Error, ErrorKind, Frame, Method, Settings, StageTimes, measure_box, measure_face,
@@ -19,6 +21,16 @@ use std::time::Instant;
 
 /// Runs `boxline evaluate`.
 pub fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Finished> {
+    let edges = match args.edges {
+        Some(None) => return score_maps(args),
+        Some(Some(name)) => name,
+        None => EdgeName::default(),
+    };
+    if args.folders.is_empty() {
+        return Err(
+            Usage("a folder with recording.json and truth.json is needed, or --edges alone".into()).into()
+        );
+    }
     let mut recordings = Vec::new();
     for folder in &args.folders {
         recordings.extend(recordings_in(folder)?);
@@ -38,7 +50,7 @@ pub fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Finished> {
         let recorded = Recorded::read(recording, truth)?;
         for &method in methods {
             progress.set_message(recorded.name.clone());
-            let settings = Settings { method, edges: args.edges.into(), choose: None, network: None };
+            let settings = Settings { method, edges: edges.into(), choose: None, network: None };
             scores.push(recorded.judge(&calibration, &settings, method)?);
             progress.inc(1);
         }
@@ -47,6 +59,17 @@ pub fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Finished> {
 
     let stdout = if args.json { tables::json(&scores).to_string() } else { tables::text(&scores, methods) };
     Ok(Finished { stdout, exit_code: 0 })
+}
+
+#[cfg(feature = "render")]
+fn score_maps(args: &EvaluateArgs) -> anyhow::Result<Finished> {
+    maps::evaluate(args)
+}
+
+#[cfg(not(feature = "render"))]
+fn score_maps(_: &EvaluateArgs) -> anyhow::Result<Finished> {
+    Err(Usage("--edges without a name needs rendered frames, which this program was built without".into())
+        .into())
 }
 
 /// The recording in a folder, or those in the folders inside it.

@@ -42,7 +42,7 @@ pub fn text(scores: &[RecordingScore], methods: &[Method]) -> String {
     text
 }
 
-fn table(header: &[&str], left_columns: usize) -> Table {
+pub fn table(header: &[&str], left_columns: usize) -> Table {
     let mut table = Table::new();
     let rule = LineStyle::new('─', '─', '─', '─');
     table.load_style(TableStyle::new().header_separator(rule)).set_header(header.to_vec());
