@@ -22,7 +22,8 @@ fn onnx_runtime() -> Option<Runtime> {
     let path = named("ORT_DYLIB_PATH").or_else(|| named("BOXLINE_TEST_ONNX_RUNTIME"));
     if path.is_none() {
         // Straight to stdout: the test harness hides what a passing test prints, and a skipped test must be seen.
-        writeln!(std::io::stdout(), "SKIPPED: BOXLINE_TEST_ONNX_RUNTIME names no library of ONNX Runtime").unwrap();
+        let mut stdout = std::io::stdout().lock();
+        writeln!(stdout, "SKIPPED: BOXLINE_TEST_ONNX_RUNTIME names no library of ONNX Runtime").unwrap();
     }
     path.map(|p| Runtime::OnnxRuntime(p.into()))
 }
