@@ -269,7 +269,7 @@ pub(super) fn residuals(shared: &Shared, frame: &FrameSeen) -> (Vec<Vector2<f64>
 /// How residuals scatter compared with their sigmas, and how far neighbours go together.
 pub(super) fn scatter(shared: &Shared, frames: &[FrameSeen]) -> Scatter {
     let (mut centres, mut stripes) = (Vec::new(), Vec::new());
-    let (mut stripe_runs, mut centre_runs) = (Vec::new(), Vec::new());
+    let (mut stripe_runs, mut centre_runs, mut centre_fields) = (Vec::new(), Vec::new(), Vec::new());
     for frame in frames {
         let (c, s) = residuals(shared, frame);
         let c: Vec<_> = c.iter().zip(&frame.centres).map(|(r, seen)| r / seen.sigma_px).collect();
@@ -281,6 +281,7 @@ pub(super) fn scatter(shared: &Shared, frames: &[FrameSeen]) -> Scatter {
             stripe_runs.push(run.map(|(r, _)| *r).collect::<Vec<_>>());
         }
         // Circles are in order of their rows: neighbours in the list are neighbours on the board.
+        centre_fields.extend(fields(&c, frame));
         centre_runs.push(c.iter().map(|r| r.x).collect());
         centre_runs.push(c.iter().map(|r| r.y).collect());
     }
@@ -289,8 +290,28 @@ pub(super) fn scatter(shared: &Shared, frames: &[FrameSeen]) -> Scatter {
     Scatter {
         centres,
         stripes,
-        stripe_correlation: correlation(&stripe_runs, stripes),
-        centre_correlation: correlation(&centre_runs, centres),
+        stripe_correlation: correlation(&stripe_runs, stripes)
+            .max(correlation_of_groups(halves(&stripe_runs), stripes)),
+        centre_correlation: correlation(&centre_runs, centres)
+            .max(correlation_of_groups(centre_fields.iter().map(Vec::as_slice), centres)),
+    }
+}
+
+/// Fewest circles for a frame's own scatter.
+const MIN_OWN: usize = 24;
+
+/// Gives every frame's circles the sigma with which they scatter: frames differ in blur and light more than rims tell.
+pub(super) fn own_sigmas(shared: &Shared, frames: &mut [FrameSeen]) {
+    for frame in frames {
+        let (centres, _) = residuals(shared, frame);
+        let sizes = centres
+            .iter()
+            .zip(&frame.centres)
+            .flat_map(|(r, seen)| [r.x, r.y].map(|x| (x / seen.sigma_px).abs()));
+        let Some(scale) = median(sizes).map(|m| (m / 0.6745).clamp(0.2, 20.0)) else { continue };
+        if frame.centres.len() >= MIN_OWN {
+            frame.centres.iter_mut().for_each(|c| c.sigma_px *= scale);
+        }
     }
 }
 
@@ -321,4 +342,45 @@ fn correlation(runs: &[Vec<f64>], scale: f64) -> f64 {
         factor += 2.0 * r;
     }
     factor
+}
+
+/// Fewest observations of a group.
+const MIN_GROUP: usize = 4;
+
+/// The same from the means of groups (half stripes, parts of a board): what a whole group has in common is longer than any
+/// lag: texture, a slope of the light, blur that changes over the frame.
+fn correlation_of_groups<'a>(groups: impl Iterator<Item = &'a [f64]>, scale: f64) -> f64 {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for group in groups {
+        let inside: Vec<f64> = group.iter().copied().filter(|x| x.abs() < TUKEY * scale).collect();
+        if inside.len() >= MIN_GROUP {
+            sum += (inside.iter().sum::<f64>() / scale).powi(2) / inside.len() as f64;
+            count += 1.0;
+        }
+    }
+    if count < 10.0 { 1.0 } else { f64::max(sum / count, 1.0) }
+}
+
+fn halves(runs: &[Vec<f64>]) -> impl Iterator<Item = &[f64]> {
+    runs.iter().flat_map(|run| {
+        let (a, b) = run.split_at(run.len() / 2);
+        [a, b]
+    })
+}
+
+/// Circles of a frame in fields of the board, about 3 x 3 circles each, u and v apart.
+fn fields(residuals: &[Vector2<f64>], frame: &FrameSeen) -> Vec<Vec<f64>> {
+    let mut by_field = std::collections::BTreeMap::<(i64, i64), [Vec<f64>; 2]>::new();
+    let pitch = frame
+        .centres
+        .windows(2)
+        .map(|pair| (pair[1].board_mm - pair[0].board_mm).norm())
+        .fold(f64::INFINITY, f64::min);
+    for (r, seen) in residuals.iter().zip(&frame.centres) {
+        let field = (seen.board_mm / (3.0 * pitch)).map(|x| x.floor() as i64);
+        let [u, v] = by_field.entry((field.x, field.y)).or_default();
+        u.push(r.x);
+        v.push(r.y);
+    }
+    by_field.into_values().flatten().collect()
 }

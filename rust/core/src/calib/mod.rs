@@ -16,6 +16,8 @@ pub mod opencv;
 mod planes;
 mod reject;
 mod rim;
+#[cfg(test)]
+mod simulation;
 mod solve;
 mod stripes;
 pub mod uncertainty;

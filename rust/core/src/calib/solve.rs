@@ -1,7 +1,8 @@
 //! From what all frames show to the calibration: camera from the circles, then stripes, then everything together.
 
 use super::adjust::{
-    CentreSeen, Fixed, FrameSeen, Loss, Scatter, StripeSeen, adjust, residuals, scatter, solve_scaled, weight,
+    CentreSeen, Fixed, FrameSeen, Loss, Scatter, StripeSeen, adjust, own_sigmas, residuals, scatter,
+    solve_scaled, weight,
 };
 use super::board::{Board, BoardView, OnBoard};
 use super::judge;
@@ -330,6 +331,7 @@ pub fn solve_all(
         solution.put_back(used);
         solution.centres_from_rims();
         used = solution.used_frames();
+        own_sigmas(&solution.shared, &mut used);
         spread = scatter(&solution.shared, &used);
         information = adjust(&mut solution.shared, &mut used, &spread, fixed, Loss::Tukey);
     }
