@@ -1,7 +1,7 @@
 //! The edge network: a frame in, the nine maps of [`boxline::network`] out.
 //!
-//! [`EdgeNet`] is what the product uses; [`engine`] below it runs any ONNX file of the same kind on ONNX Runtime
-//! ([`onnx_runtime`], where its library is found) or on tract ([`tract`], always there); [`downscale`] makes the input.
+//! [`EdgeNet`] is what the product uses; `engine` below it runs any ONNX file of the same kind on ONNX Runtime
+//! (`onnx_runtime`, where its library is found) or on tract (`tract`, always there); `downscale` makes the input.
 //! Training, export and scores are Python, in `training/`.
 #![forbid(unsafe_code)]
 
