@@ -116,7 +116,7 @@ fn poses(random: &mut Random, count: usize) -> Vec<Pose<Cam, OnBoard>> {
     (0..count)
         .map(|i| {
             let tilt = random.between(0.1, 0.7);
-            let about = random.between(0.0, 6.28);
+            let about = random.between(0.0, std::f64::consts::TAU);
             let axis = nalgebra::Unit::new_normalize(Vector3::new(about.cos(), about.sin(), 0.0));
             let roll = Rotation3::from_axis_angle(&Vector3::z_axis(), random.between(-0.6, 0.6));
             let turn = Rotation3::from_axis_angle(&axis, tilt) * roll * face_us;

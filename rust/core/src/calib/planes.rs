@@ -31,11 +31,12 @@ fn by_order(stripes: &[BoardStripe]) -> Vec<Option<usize>> {
     lasers
 }
 
+/// The laser of every stripe of every frame, 0 to 3; `None` for stripes that fit no plane.
+pub(super) type LasersOfFrames = Vec<Vec<Option<usize>>>;
+
 /// The planes (`p . X = 1`) and the laser of every stripe of every frame; `None` for stripes that fit no plane. An error
 /// names the laser that is never seen beside its twin.
-pub(super) fn start(
-    frames: &[StripesInSpace],
-) -> Result<([Vector3<f64>; 4], Vec<Vec<Option<usize>>>), LaserId> {
+pub(super) fn start(frames: &[StripesInSpace]) -> Result<([Vector3<f64>; 4], LasersOfFrames), LaserId> {
     let mut lasers: Vec<Vec<Option<usize>>> = frames.iter().map(|f| by_order(f.stripes)).collect();
     let mut planes = [Vector3::zeros(); 4];
     // The second pass has the stripes that were alone, and is without those that were not the lasers'.
@@ -50,10 +51,10 @@ pub(super) fn start(
                 lasers[i] = range.min_by(|a, b| off(a).total_cmp(&off(b))).filter(|l| off(l) < MAX_ANGLE);
             }
             // Two stripes cannot be one laser's: keep the better.
-            for laser in 0..4 {
+            for (laser, plane) in planes.iter().enumerate() {
                 let mine: Vec<usize> = (0..lasers.len()).filter(|i| lasers[*i] == Some(laser)).collect();
                 if let [a, b] = mine[..] {
-                    let off = |i: usize| mean_angle(&planes[laser], &frame.points[i]);
+                    let off = |i: usize| mean_angle(plane, &frame.points[i]);
                     lasers[if off(a) < off(b) { b } else { a }] = None;
                 }
             }
