@@ -46,7 +46,7 @@ pub struct Circle {
     pub column: i32,
     /// Row on the board, from 0.
     pub row: i32,
-    /// Centre of the ellipse that fits its rim. Not the image of its centre: see [`super::rim`].
+    /// Centre of the ellipse that fits its rim. Not the image of its centre: see `rim.rs`.
     pub ellipse_centre: Px,
     /// Points of its rim, free of laser light.
     pub rim: Vec<Px>,
