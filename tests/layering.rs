@@ -28,11 +28,12 @@ const MODULES: [&str; 18] = [
 ];
 
 /// The crates with their levels.
-const CRATES: [(&str, u32); 7] = [
+const CRATES: [(&str, u32); 8] = [
     ("boxline", 0),
     ("boxline-edgenet", 1),
     ("boxline-proto", 1),
     ("boxline-sim", 1),
+    ("boxline-uvc", 1),
     ("boxline-cli", 2),
     ("boxline-jni", 2),
     ("boxline-tests", 2),
