@@ -1,4 +1,6 @@
 //! Lasers and the calibration store, against the software head without a bus in between.
+#![allow(clippy::unwrap_used)] // the helpers of tests are tests
+
 mod support;
 
 use boxline_uvc::ErrorKind;

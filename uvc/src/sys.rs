@@ -1,0 +1,556 @@
+//! All unsafe code of this crate: contexts, handles and transfers of libusb behind safe types.
+//!
+//! A transfer that is in flight belongs to libusb; its callback gives it back. So none can be freed before its callback ran, however a
+//! stream ends. One thread for each handle runs libusb's events; everything else waits on queues, always with a limit. If libusb
+//! still holds transfers when the limit is over, the handle is leaked rather than closed under them.
+#![allow(unsafe_code)]
+
+use crate::{Error, ErrorKind};
+use libusb1_sys as ffi;
+use std::collections::VecDeque;
+use std::ffi::{c_int, c_uint};
+use std::os::fd::{AsRawFd, BorrowedFd, OwnedFd};
+use std::ptr::{self, NonNull};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// How long the event thread sleeps at most, so that it notices the end even if nothing wakes it.
+const EVENT_NAP: Duration = Duration::from_millis(100);
+/// How long closing waits for transfers that were cancelled. Linux gives them back within milliseconds.
+const CLOSE_LIMIT: Duration = Duration::from_secs(1);
+
+/// What libusb says to a call.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Code(c_int);
+
+impl Code {
+    fn check(code: c_int) -> Result<c_int, Self> {
+        if code < 0 { Err(Self(code)) } else { Ok(code) }
+    }
+
+    /// In words of this crate; `what` was tried.
+    pub fn error(self, what: impl std::fmt::Display) -> Error {
+        use ffi::constants::*;
+        let (kind, text) = match self.0 {
+            LIBUSB_ERROR_NO_DEVICE => (ErrorKind::DeviceLost, "the device is gone"),
+            LIBUSB_ERROR_NOT_FOUND => (ErrorKind::NotFound, "not found"),
+            LIBUSB_ERROR_ACCESS => (ErrorKind::PermissionDenied, "the system does not allow it"),
+            LIBUSB_ERROR_BUSY => (ErrorKind::DeviceBusy, "another program or driver holds it"),
+            LIBUSB_ERROR_TIMEOUT => (ErrorKind::Timeout, "no answer in time"),
+            LIBUSB_ERROR_PIPE => (ErrorKind::Refused, "the device refused"),
+            LIBUSB_ERROR_OVERFLOW => (ErrorKind::Protocol, "the device sent more than was asked for"),
+            LIBUSB_ERROR_NO_MEM => (ErrorKind::Io, "the system has no memory for it"),
+            _ => (ErrorKind::Io, "the system's USB layer failed"),
+        };
+        Error::new(kind, format!("{what}: {text} (libusb {})", self.0))
+    }
+
+    /// The device is not there any more.
+    pub fn is_gone(&self) -> bool {
+        self.0 == ffi::constants::LIBUSB_ERROR_NO_DEVICE
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A libusb context; freed when the last handle and list of it are gone.
+struct Context(NonNull<ffi::libusb_context>);
+
+// SAFETY: libusb's contexts may be used from all threads at once (libusb manual, "Multi-threaded applications").
+unsafe impl Send for Context {}
+// SAFETY: as above.
+unsafe impl Sync for Context {}
+
+#[repr(C)]
+struct InitOption {
+    option: c_int,
+    value: usize, // a union of an int and a function pointer
+}
+
+unsafe extern "C" {
+    // Since libusb 1.0.27, which is the one compiled in; libusb1-sys does not declare it.
+    fn libusb_init_context(
+        context: *mut *mut ffi::libusb_context,
+        options: *const InitOption,
+        count: c_int,
+    ) -> c_int;
+}
+
+impl Context {
+    /// Without discovery it never looks at /dev/bus/usb, which an Android app may not do.
+    fn new(discovery: bool) -> Result<Self, Error> {
+        let option =
+            InitOption { option: ffi::constants::LIBUSB_OPTION_NO_DEVICE_DISCOVERY as c_int, value: 0 };
+        let mut raw = ptr::null_mut();
+        // SAFETY: `raw` and `option` live during the call; the count is that of options behind the pointer.
+        let code = unsafe { libusb_init_context(&mut raw, &option, c_int::from(!discovery)) };
+        Code::check(code).map_err(|code| code.error("starting libusb"))?;
+        NonNull::new(raw).map(Self).ok_or_else(|| Error::new(ErrorKind::Io, "starting libusb: no context"))
+    }
+}
+
+impl Drop for Context {
+    fn drop(&mut self) {
+        // SAFETY: created by libusb_init_context; all handles and devices of it hold an Arc to this and are gone.
+        unsafe { ffi::libusb_exit(self.0.as_ptr()) }
+    }
+}
+
+/// A device that the system shows.
+pub(crate) struct Listed {
+    context: Arc<Context>,
+    device: NonNull<ffi::libusb_device>,
+    pub vendor_id: u16,
+    pub product_id: u16,
+    /// Bus and address.
+    pub place: (u8, u8),
+}
+
+/// All devices that the system shows.
+pub(crate) fn list() -> Result<Vec<Listed>, Error> {
+    let context = Arc::new(Context::new(true)?);
+    let mut raw: *const *mut ffi::libusb_device = ptr::null();
+    // SAFETY: `raw` lives during the call.
+    let count = unsafe { ffi::libusb_get_device_list(context.0.as_ptr(), &mut raw) };
+    let count = Code::check(c_int::try_from(count).unwrap_or(c_int::MAX))
+        .map_err(|code| code.error("listing devices"))?;
+    let mut devices = Vec::new();
+    for i in 0..usize::try_from(count).unwrap_or(0) {
+        // SAFETY: the list has `count` entries; each is a device with a reference, which passes to `Listed`.
+        let device = unsafe { *raw.add(i) };
+        let Some(device) = NonNull::new(device) else { continue };
+        // SAFETY: an all-zero descriptor is a valid value of this struct of integers.
+        let mut descriptor: ffi::libusb_device_descriptor = unsafe { std::mem::zeroed() };
+        // SAFETY: the device is alive; `descriptor` lives during the call; reading a cached descriptor cannot fail.
+        let place = unsafe {
+            ffi::libusb_get_device_descriptor(device.as_ptr(), &mut descriptor);
+            (ffi::libusb_get_bus_number(device.as_ptr()), ffi::libusb_get_device_address(device.as_ptr()))
+        };
+        devices.push(Listed {
+            context: context.clone(),
+            device,
+            vendor_id: descriptor.idVendor,
+            product_id: descriptor.idProduct,
+            place,
+        });
+    }
+    // SAFETY: the list came from libusb_get_device_list; 0 keeps the references that were handed out above.
+    unsafe { ffi::libusb_free_device_list(raw, 0) };
+    Ok(devices)
+}
+
+impl Listed {
+    pub fn open(&self) -> Result<Handle, Error> {
+        let mut raw = ptr::null_mut();
+        // SAFETY: the device is alive; `raw` lives during the call.
+        let code = unsafe { ffi::libusb_open(self.device.as_ptr(), &mut raw) };
+        Code::check(code).map_err(|code| {
+            code.error(format!("opening the device {:03}/{:03}", self.place.0, self.place.1))
+        })?;
+        Handle::new(self.context.clone(), raw, None)
+    }
+}
+
+impl Drop for Listed {
+    fn drop(&mut self) {
+        // SAFETY: this value owns one reference.
+        unsafe { ffi::libusb_unref_device(self.device.as_ptr()) }
+    }
+}
+
+/// An open device.
+struct Open {
+    raw: NonNull<ffi::libusb_device_handle>,
+    context: Arc<Context>,
+    /// Transfers that libusb holds.
+    in_flight: AtomicUsize,
+    ending: AtomicBool,
+}
+
+// SAFETY: libusb's handles may be used from all threads at once.
+unsafe impl Send for Open {}
+// SAFETY: as above.
+unsafe impl Sync for Open {}
+
+/// An open device with the thread that runs its events. Dropping it closes the device.
+pub(crate) struct Handle {
+    open: Arc<Open>,
+    events: Option<JoinHandle<()>>,
+
+    /// A duplicate of the descriptor it was opened by, closed after the device.
+    fd: Option<OwnedFd>,
+}
+
+impl Handle {
+    /// Opens by a descriptor of usbfs, such as Android hands out. The descriptor is duplicated: the caller's stays his.
+    pub fn from_fd(fd: BorrowedFd<'_>) -> Result<Self, Error> {
+        let fd = fd
+            .try_clone_to_owned()
+            .map_err(|e| Error::new(ErrorKind::Io, format!("duplicating the device's descriptor: {e}")))?;
+        let context = Arc::new(Context::new(false)?);
+        let mut raw = ptr::null_mut();
+        // SAFETY: libusb takes the descriptor's number in the place of a pointer; `raw` lives during the call; the descriptor
+        // is ours and outlives the handle.
+        let code = unsafe {
+            ffi::libusb_wrap_sys_device(context.0.as_ptr(), fd.as_raw_fd() as isize as *mut c_int, &mut raw)
+        };
+        Code::check(code).map_err(|code| code.error("opening the device by its descriptor"))?;
+        Self::new(context, raw, Some(fd))
+    }
+
+    fn new(
+        context: Arc<Context>,
+        raw: *mut ffi::libusb_device_handle,
+        fd: Option<OwnedFd>,
+    ) -> Result<Self, Error> {
+        let raw = NonNull::new(raw).ok_or_else(|| Error::new(ErrorKind::Io, "libusb opened nothing"))?;
+        // Where the kernel's own driver holds an interface it is put aside while we have it. Not supported everywhere.
+        // SAFETY: the handle is open.
+        unsafe { ffi::libusb_set_auto_detach_kernel_driver(raw.as_ptr(), 1) };
+        let open =
+            Arc::new(Open { raw, context, in_flight: AtomicUsize::new(0), ending: AtomicBool::new(false) });
+        let mut handle = Self { open: open.clone(), events: None, fd };
+        let run = move || {
+            let nap = libc::timeval { tv_sec: 0, tv_usec: EVENT_NAP.as_micros() as libc::suseconds_t };
+            while !open.ending.load(Ordering::Acquire) {
+                // SAFETY: `open` keeps the context alive; `nap` lives during the call.
+                let code = unsafe {
+                    ffi::libusb_handle_events_timeout_completed(
+                        open.context.0.as_ptr(),
+                        &nap,
+                        ptr::null_mut(),
+                    )
+                };
+                if code < 0 && code != ffi::constants::LIBUSB_ERROR_INTERRUPTED {
+                    std::thread::sleep(Duration::from_millis(1)); // a lasting failure must not burn the processor
+                }
+            }
+        };
+        let thread = std::thread::Builder::new().name("usb events".into()).spawn(run);
+        handle.events =
+            Some(thread.map_err(|e| Error::new(ErrorKind::Io, format!("starting the event thread: {e}")))?);
+        Ok(handle)
+    }
+
+    fn raw(&self) -> *mut ffi::libusb_device_handle {
+        self.open.raw.as_ptr()
+    }
+
+    pub fn claim(&self, interface: u8) -> Result<(), Code> {
+        // SAFETY: the handle is open.
+        Code::check(unsafe { ffi::libusb_claim_interface(self.raw(), interface.into()) }).map(drop)
+    }
+
+    pub fn release(&self, interface: u8) -> Result<(), Code> {
+        // SAFETY: the handle is open.
+        Code::check(unsafe { ffi::libusb_release_interface(self.raw(), interface.into()) }).map(drop)
+    }
+
+    pub fn set_alternate(&self, interface: u8, setting: u8) -> Result<(), Code> {
+        // SAFETY: the handle is open.
+        Code::check(unsafe {
+            ffi::libusb_set_interface_alt_setting(self.raw(), interface.into(), setting.into())
+        })
+        .map(drop)
+    }
+
+    pub fn clear_halt(&self, endpoint: u8) -> Result<(), Code> {
+        // SAFETY: the handle is open.
+        Code::check(unsafe { ffi::libusb_clear_halt(self.raw(), endpoint) }).map(drop)
+    }
+
+    /// A request on the control pipe. Returns the bytes that the device sent, or nothing for a request to the device.
+    pub fn control(
+        &self,
+        request_type: u8,
+        request: u8,
+        value: u16,
+        index: u16,
+        data: ControlData<'_>,
+        limit: Duration,
+    ) -> Result<Vec<u8>, Code> {
+        let (length, out): (usize, &[u8]) = match data {
+            ControlData::In(length) => (usize::from(length), &[]),
+            ControlData::Out(bytes) => (bytes.len(), bytes),
+        };
+        let mut buffer = vec![request_type, request];
+        for field in [value, index, u16::try_from(length).unwrap_or(u16::MAX)] {
+            buffer.extend(field.to_le_bytes());
+        }
+        buffer.extend(out);
+        buffer.resize(SETUP_BYTES + length, 0);
+        let mut transfer = Transfer::new(buffer, 0)?;
+        transfer.kind = ffi::constants::LIBUSB_TRANSFER_TYPE_CONTROL;
+        transfer.limit_ms = c_uint::try_from(limit.as_millis()).unwrap_or(c_uint::MAX).max(1);
+        // Its own queue: an answer that comes too late finds nobody and is freed.
+        let queue = Queue::new();
+        transfer.submit(&self.open, &queue).map_err(|(_, code)| code)?;
+        // libusb ends it after `limit`; if even that fails, no longer than CLOSE_LIMIT more.
+        let Some(done) = queue.pop(limit + CLOSE_LIMIT) else {
+            return Err(Code(ffi::constants::LIBUSB_ERROR_TIMEOUT));
+        };
+        match done.status() {
+            Status::Completed => {
+                let got = done.actual_length().min(length);
+                Ok(done.buffer[SETUP_BYTES..SETUP_BYTES + got].to_vec())
+            }
+            Status::TimedOut => Err(Code(ffi::constants::LIBUSB_ERROR_TIMEOUT)),
+            Status::Stall => Err(Code(ffi::constants::LIBUSB_ERROR_PIPE)),
+            Status::Gone | Status::Cancelled => Err(Code(ffi::constants::LIBUSB_ERROR_NO_DEVICE)),
+            Status::Overflow => Err(Code(ffi::constants::LIBUSB_ERROR_OVERFLOW)),
+            Status::Failed => Err(Code(ffi::constants::LIBUSB_ERROR_IO)),
+        }
+    }
+
+    /// Hands a transfer to libusb. On failure it comes back.
+    pub fn submit(&self, transfer: Box<Transfer>, queue: &Arc<Queue>) -> Result<(), (Box<Transfer>, Code)> {
+        transfer.submit(&self.open, queue)
+    }
+}
+
+impl Drop for Handle {
+    fn drop(&mut self) {
+        let end = Instant::now() + CLOSE_LIMIT;
+        while self.open.in_flight.load(Ordering::Acquire) > 0 && Instant::now() < end {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        self.open.ending.store(true, Ordering::Release);
+        // SAFETY: the context is alive.
+        unsafe { ffi::libusb_interrupt_event_handler(self.open.context.0.as_ptr()) };
+        drop(self.events.take().map(JoinHandle::join)); // it has nothing that could panic
+        if self.open.in_flight.load(Ordering::Acquire) > 0 {
+            std::mem::forget((self.open.clone(), self.fd.take()));
+            return;
+        }
+        // SAFETY: no transfer is in flight, the event thread has ended, and nothing else has the raw handle.
+        unsafe { ffi::libusb_close(self.raw()) };
+    }
+}
+
+const SETUP_BYTES: usize = 8;
+
+/// What a control request carries.
+pub(crate) enum ControlData<'a> {
+    /// So many bytes are asked for.
+    In(u16),
+    /// These are sent.
+    Out(&'a [u8]),
+}
+
+/// How a transfer or packet ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Status {
+    Completed,
+    Failed,
+    TimedOut,
+    Cancelled,
+    Stall,
+    Gone,
+    Overflow,
+}
+
+impl Status {
+    fn from_raw(status: c_int) -> Self {
+        use ffi::constants::*;
+        match status {
+            LIBUSB_TRANSFER_COMPLETED => Self::Completed,
+            LIBUSB_TRANSFER_TIMED_OUT => Self::TimedOut,
+            LIBUSB_TRANSFER_CANCELLED => Self::Cancelled,
+            LIBUSB_TRANSFER_STALL => Self::Stall,
+            LIBUSB_TRANSFER_NO_DEVICE => Self::Gone,
+            LIBUSB_TRANSFER_OVERFLOW => Self::Overflow,
+            _ => Self::Failed,
+        }
+    }
+}
+
+/// A transfer with its buffer, not in flight.
+pub(crate) struct Transfer {
+    raw: NonNull<ffi::libusb_transfer>,
+    buffer: Vec<u8>,
+    kind: u8,
+    endpoint: u8,
+    limit_ms: c_uint,
+    packets: usize,
+    packet_bytes: usize,
+    /// Where it goes when it is done, and the count it was added to.
+    flight: Option<(Weak<Queue>, Arc<Open>)>,
+}
+
+// SAFETY: the raw transfer is owned by this value alone; libusb does not tie transfers to threads.
+unsafe impl Send for Transfer {}
+
+impl Transfer {
+    fn new(buffer: Vec<u8>, packets: usize) -> Result<Box<Self>, Code> {
+        // SAFETY: no conditions; null is handled.
+        let raw = unsafe { ffi::libusb_alloc_transfer(c_int::try_from(packets).unwrap_or(c_int::MAX)) };
+        let raw = NonNull::new(raw).ok_or(Code(ffi::constants::LIBUSB_ERROR_NO_MEM))?;
+        let packet_bytes = buffer.len().checked_div(packets).unwrap_or(0);
+        Ok(Box::new(Self {
+            raw,
+            buffer,
+            kind: 0,
+            endpoint: 0,
+            limit_ms: 0,
+            packets,
+            packet_bytes,
+            flight: None,
+        }))
+    }
+
+    /// Reads `bytes` from a bulk endpoint, without a time limit.
+    pub fn bulk(endpoint: u8, bytes: usize) -> Result<Box<Self>, Code> {
+        let mut transfer = Self::new(vec![0; bytes], 0)?;
+        (transfer.kind, transfer.endpoint) = (ffi::constants::LIBUSB_TRANSFER_TYPE_BULK, endpoint);
+        Ok(transfer)
+    }
+
+    /// Reads some packets from an isochronous endpoint.
+    pub fn isochronous(endpoint: u8, packets: usize, packet_bytes: usize) -> Result<Box<Self>, Code> {
+        let mut transfer = Self::new(vec![0; packets * packet_bytes], packets)?;
+        (transfer.kind, transfer.endpoint) = (ffi::constants::LIBUSB_TRANSFER_TYPE_ISOCHRONOUS, endpoint);
+        Ok(transfer)
+    }
+
+    fn submit(mut self: Box<Self>, open: &Arc<Open>, queue: &Arc<Queue>) -> Result<(), (Box<Self>, Code)> {
+        self.flight = Some((Arc::downgrade(queue), open.clone()));
+        open.in_flight.fetch_add(1, Ordering::AcqRel);
+        let raw = self.raw;
+        let length = c_int::try_from(self.buffer.len()).unwrap_or(c_int::MAX); // buffers are far below 2 GB
+        lock(&queue.state).alive.push(Name(raw));
+        let whole = Box::into_raw(self);
+        // SAFETY: `raw` is a live transfer that is not in flight, with room for `packets` packet descriptors; the buffer has
+        // `length` bytes and moves with the box to the callback; `whole` is given back there, or below if libusb refuses.
+        let code = unsafe {
+            let t = raw.as_ptr();
+            (*t).dev_handle = open.raw.as_ptr();
+            (*t).flags = 0;
+            (*t).endpoint = (*whole).endpoint;
+            (*t).transfer_type = (*whole).kind;
+            (*t).timeout = (*whole).limit_ms;
+            (*t).length = length;
+            (*t).callback = finished;
+            (*t).user_data = whole.cast();
+            (*t).buffer = (*whole).buffer.as_mut_ptr();
+            (*t).num_iso_packets = (*whole).packets as c_int;
+            ffi::libusb_set_iso_packet_lengths(t, (*whole).packet_bytes as c_uint);
+            ffi::libusb_submit_transfer(t)
+        };
+        match Code::check(code) {
+            Ok(_) => Ok(()),
+            Err(code) => {
+                open.in_flight.fetch_sub(1, Ordering::AcqRel);
+                lock(&queue.state).alive.retain(|name| name.0 != raw);
+                // SAFETY: libusb refused the transfer, so its callback will never run and the box is ours again.
+                let mut back = unsafe { Box::from_raw(whole) };
+                back.flight = None;
+                Err((back, code))
+            }
+        }
+    }
+
+    pub fn status(&self) -> Status {
+        // SAFETY: the transfer is alive and not in flight.
+        Status::from_raw(unsafe { (*self.raw.as_ptr()).status })
+    }
+
+    fn actual_length(&self) -> usize {
+        // SAFETY: the transfer is alive and not in flight.
+        usize::try_from(unsafe { (*self.raw.as_ptr()).actual_length }).unwrap_or(0)
+    }
+
+    /// The bytes that arrived, and whether they filled the transfer.
+    pub fn bulk_bytes(&self) -> (&[u8], bool) {
+        let got = self.actual_length().min(self.buffer.len());
+        (&self.buffer[..got], got == self.buffer.len())
+    }
+
+    /// The packets of an isochronous transfer.
+    pub fn packets(&self) -> impl Iterator<Item = (Status, &[u8])> {
+        (0..self.packets).map(|i| {
+            // SAFETY: the transfer is alive, not in flight, and was allocated with `packets` descriptors.
+            let packet = unsafe { &*(*self.raw.as_ptr()).iso_packet_desc.as_ptr().add(i) };
+            let got = (packet.actual_length as usize).min(self.packet_bytes);
+            let start = i * self.packet_bytes;
+            (Status::from_raw(packet.status), &self.buffer[start..start + got])
+        })
+    }
+}
+
+impl Drop for Transfer {
+    fn drop(&mut self) {
+        // SAFETY: a value of this type is never in flight: while libusb has it, there is only the raw box.
+        unsafe { ffi::libusb_free_transfer(self.raw.as_ptr()) }
+    }
+}
+
+/// Names a transfer that is alive: in flight, or done and not popped.
+#[derive(Clone, Copy, PartialEq, Eq)]
+struct Name(NonNull<ffi::libusb_transfer>);
+
+// SAFETY: only a name; `Queue` alone uses it, and forgets it when the transfer is popped.
+unsafe impl Send for Name {}
+
+/// Runs on the event thread when a transfer is done, however it ended.
+extern "system" fn finished(raw: *mut ffi::libusb_transfer) {
+    // SAFETY: `user_data` is the box that `submit` turned into a pointer; libusb calls this once for each submission.
+    let mut transfer = unsafe { Box::from_raw((*raw).user_data.cast::<Transfer>()) };
+    if let Some((queue, open)) = transfer.flight.take() {
+        match queue.upgrade() {
+            Some(queue) => queue.push(transfer),
+            None => drop(transfer),
+        }
+        open.in_flight.fetch_sub(1, Ordering::AcqRel);
+    }
+}
+
+/// Transfers of one user: those that libusb holds, and those that are done.
+pub(crate) struct Queue {
+    state: Mutex<QueueState>,
+    changed: Condvar,
+}
+
+struct QueueState {
+    alive: Vec<Name>,
+    done: VecDeque<Box<Transfer>>,
+}
+
+impl Queue {
+    pub fn new() -> Arc<Self> {
+        let state = QueueState { alive: Vec::new(), done: VecDeque::new() };
+        Arc::new(Self { state: Mutex::new(state), changed: Condvar::new() })
+    }
+
+    fn push(&self, transfer: Box<Transfer>) {
+        lock(&self.state).done.push_back(transfer);
+        self.changed.notify_one();
+    }
+
+    /// The next one that is done; `None` after `limit`.
+    pub fn pop(&self, limit: Duration) -> Option<Box<Transfer>> {
+        let wait = self.changed.wait_timeout_while(lock(&self.state), limit, |state| state.done.is_empty());
+        let mut state = wait.unwrap_or_else(PoisonError::into_inner).0;
+        let transfer = state.done.pop_front()?;
+        state.alive.retain(|name| name.0 != transfer.raw);
+        Some(transfer)
+    }
+
+    /// How many were submitted and not popped.
+    pub fn outstanding(&self) -> usize {
+        lock(&self.state).alive.len()
+    }
+
+    /// Asks libusb to end all that it holds. They still arrive here.
+    pub fn cancel(&self) {
+        // Holding the lock keeps a transfer that is just done from being popped, and freed, meanwhile.
+        let state = lock(&self.state);
+        for name in &state.alive {
+            // SAFETY: what is named here is alive; cancelling what is not in flight does nothing.
+            unsafe { ffi::libusb_cancel_transfer(name.0.as_ptr()) };
+        }
+    }
+}
