@@ -2,7 +2,8 @@
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     println!("cargo:rerun-if-changed=boxline.proto");
-    let descriptors = protox::compile(["boxline.proto"], ["."])?;
+    println!("cargo:rerun-if-changed=head.proto");
+    let descriptors = protox::compile(["boxline.proto", "head.proto"], ["."])?;
     prost_build::Config::new().compile_fds(descriptors)?;
     Ok(())
 }

@@ -1,5 +1,5 @@
 //! Descriptors as USB 2.0, chapter 9 lays them out: device, configuration, interfaces, endpoints, and whatever lies between them.
-//! [`video`](crate::descriptor::video) reads the class-specific part, [`lint`] looks for contradictions. Bytes come from a
+//! `video` reads the class-specific part, [`lint()`] looks for contradictions. Bytes come from a
 //! device that nobody vouches for: a broken length is an error with its offset, never a panic.
 
 mod lint;

@@ -5,6 +5,7 @@
 pub mod descriptors;
 pub mod flash;
 mod stream;
+pub mod usbip;
 
 use crate::Error;
 use crate::descriptor::{EndpointKind, UvcVersion};
