@@ -71,6 +71,46 @@ Examples:
 The distortions run in opposite directions: the camera is refitted over the sensor and what is left is told in px.
 Exit codes: 0 written, 2 broken input or usage.")]
     Convert(crate::convert::ConvertArgs),
+    /// Lists the cameras on the bus
+    #[command(after_help = "\
+Example:
+  boxline devices --lint
+
+Exit codes: 0 listed, also if there is none; 2 the bus cannot be read.")]
+    Devices(crate::head::DevicesArgs),
+    /// Switches the lasers of a head
+    #[command(after_help = "\
+Examples:
+  boxline laser all --seconds 60
+  boxline laser 1,3 --power 40
+
+They are on as long as this runs, and off afterwards, however it ends. Exit codes: 0 done, 2 no head or it failed.")]
+    Laser(crate::head::LaserArgs),
+    /// Reads or writes what a head has stored
+    #[command(after_help = "\
+Examples:
+  boxline head calibration read -o calibration.json
+  boxline head calibration write calibration.json
+
+Exit codes: 0 done, 2 no head, broken file, or it failed.")]
+    Head(crate::head::HeadArgs),
+    /// Captures a recording from a head
+    #[command(after_help = "\
+Example:
+  boxline capture -o box && boxline measure box
+
+On a terminal each view waits for Enter. A cable that comes out is waited for. The folder appears whole or not at all.
+Exit codes: 0 captured, 2 no head or it failed.")]
+    Capture(crate::capture::CaptureArgs),
+    /// Is a head made of software, for tests without hardware
+    #[command(after_help = "\
+Examples:
+  sudo modprobe vhci-hcd && sudo boxline emulate tests/data/b02
+  boxline emulate tests/data/b02 --listen 127.0.0.1:3240
+
+Linux sees a camera, which any program can use. It shows the next view of the recording each time the lasers are lit.
+Runs until it is detached.")]
+    Emulate(crate::emulate::EmulateArgs),
     /// Renders recordings with known truth, or labelled frames for training
     #[cfg(feature = "render")]
     #[command(after_help = "\

@@ -7,8 +7,11 @@
 
 mod args;
 mod calibrate;
+mod capture;
 mod convert;
+mod emulate;
 mod evaluate;
+mod head;
 mod input;
 mod measure;
 mod overlay;
@@ -49,6 +52,11 @@ fn main() -> ExitCode {
         Command::Calibrate(args) => calibrate::calibrate(&args),
         Command::Verify(args) => verify::verify(&args),
         Command::Convert(args) => convert::convert(&args),
+        Command::Devices(args) => head::list(&args),
+        Command::Laser(args) => head::laser(&args),
+        Command::Head(args) => head::head(&args),
+        Command::Capture(args) => capture::capture(&args),
+        Command::Emulate(args) => emulate::emulate(&args),
         #[cfg(feature = "render")]
         Command::Render(args) => render::render(&args),
     };
@@ -96,6 +104,15 @@ fn kind_of(error: &anyhow::Error) -> &'static str {
             ErrorKind::NetworkRuntime => "network_runtime",
             ErrorKind::Io => "io",
             _ => "other",
+        };
+    }
+    if let Some(error) = error.downcast_ref::<boxline_uvc::Error>() {
+        return match error.kind() {
+            boxline_uvc::ErrorKind::DeviceLost => "device_lost",
+            boxline_uvc::ErrorKind::DeviceBusy => "device_busy",
+            boxline_uvc::ErrorKind::NotFound => "device_not_found",
+            boxline_uvc::ErrorKind::PermissionDenied => "permission_denied",
+            _ => "device",
         };
     }
     if error.downcast_ref::<input::Usage>().is_some() {
