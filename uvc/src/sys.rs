@@ -88,7 +88,9 @@ impl Context {
         let mut raw = ptr::null_mut();
         // SAFETY: `raw` and `option` live during the call; the count is that of options behind the pointer.
         let code = unsafe { libusb_init_context(&mut raw, &option, c_int::from(!discovery)) };
-        Code::check(code).map_err(|code| code.error("starting libusb"))?;
+        Code::check(code).map_err(|code| {
+            code.error("starting libusb, which needs /dev/bus/usb and the uevents of the kernel")
+        })?;
         NonNull::new(raw).map(Self).ok_or_else(|| Error::new(ErrorKind::Io, "starting libusb: no context"))
     }
 }

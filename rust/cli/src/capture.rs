@@ -190,7 +190,7 @@ fn calibration(args: &CaptureArgs, device: &Device) -> anyhow::Result<Calibratio
         return Ok(read_calibration(file)?);
     }
     let bytes = store::read(device, |_, _| ()).context("no --calibration was given")?;
-    Ok(decode_calibration(&bytes).context("the calibration stored in the head")?)
+    decode_calibration(&bytes).context("the calibration stored in the head")
 }
 
 fn reopen(selector: &Selector, limit: Duration, mut last: Error) -> anyhow::Result<Camera> {

@@ -114,13 +114,7 @@ fn source(recording: &Recording) -> anyhow::Result<Source> {
         }
         were_on = on;
         // A recording may have fewer unlit frames than lit ones.
-        let shown = if on {
-            &lit
-        } else if unlit.is_empty() {
-            &lit
-        } else {
-            &unlit
-        };
+        let shown = if on || unlit.is_empty() { &lit } else { &unlit };
         Some(shown[view % shown.len()].clone())
     }))
 }
