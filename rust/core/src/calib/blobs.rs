@@ -110,6 +110,43 @@ fn half_green(frame: &Frame) -> (usize, usize, Vec<u8>) {
     (w, h, out)
 }
 
+/// Pixels of a row whose range is kept.
+const BLOCK: usize = 32;
+
+/// A picture with the range of every 32 pixels of a row, so that the search for where a row passes a level skips blocks
+/// that lie wholly on one side: the same runs, found several times faster, at every level.
+struct Levels {
+    width: usize,
+    green: Vec<u8>,
+    /// Darkest and brightest of each block, row by row.
+    blocks: Vec<(u8, u8)>,
+}
+
+impl Levels {
+    fn new(width: usize, green: Vec<u8>) -> Self {
+        let range = |block: &[u8]| block.iter().fold((u8::MAX, 0), |(l, h), g| (l.min(*g), h.max(*g)));
+        let blocks = green.chunks_exact(width).flat_map(|row| row.chunks(BLOCK).map(range)).collect();
+        Self { width, green, blocks }
+    }
+
+    /// The first pixel of a row, from `x` on, that is darker than `level`, or, with `dark` false, that is not.
+    fn find(&self, y: usize, mut x: usize, level: u8, dark: bool) -> Option<usize> {
+        let row = &self.green[y * self.width..][..self.width];
+        let in_row = self.width.div_ceil(BLOCK);
+        let blocks = &self.blocks[y * in_row..][..in_row];
+        while x < self.width {
+            let (darkest, brightest) = blocks[x / BLOCK];
+            let end = ((x / BLOCK + 1) * BLOCK).min(self.width);
+            let crossed = if dark { darkest < level } else { brightest >= level };
+            if crossed && let Some(found) = row[x..end].iter().position(|g| (*g < level) == dark) {
+                return Some(x + found);
+            }
+            x = end;
+        }
+        None
+    }
+}
+
 /// All dark elliptic blobs of a frame.
 pub(super) fn dark_blobs(frame: &Frame) -> Vec<Blob> {
     let (w, h, green) = half_green(frame);
@@ -118,12 +155,13 @@ pub(super) fn dark_blobs(frame: &Frame) -> Vec<Blob> {
     }
     let max_area = MAX_SHARE * (w * h) as f64;
     let (low, high) = green.iter().fold((u8::MAX, 0), |(l, h), g| (l.min(*g), h.max(*g)));
+    let picture = Levels::new(w, green);
     // Blobs of all levels by place, in cells of 16 px, to find those that stay put.
     let mut groups: Vec<Vec<Blob>> = Vec::new();
     let mut cells: BTreeMap<(i64, i64), Vec<usize>> = BTreeMap::new();
     let cell = |at: Vector2<f64>| ((at.x / 16.0) as i64, (at.y / 16.0) as i64);
     for level in (low.saturating_add(LEVEL_STEP)..high).step_by(usize::from(LEVEL_STEP)) {
-        for blob in components(&green, w, level).iter().filter_map(|sums| sums.blob(max_area)) {
+        for blob in components(&picture, level).iter().filter_map(|sums| sums.blob(max_area)) {
             let (i, j) = cell(blob.at);
             let near = (i - 1..=i + 1).flat_map(|i| (j - 1..=j + 1).map(move |j| (i, j)));
             let same = near.filter_map(|c| cells.get(&c)).flatten().copied().find(|g| {
@@ -148,19 +186,19 @@ pub(super) fn dark_blobs(frame: &Frame) -> Vec<Blob> {
 }
 
 /// Moments of the connected sets of pixels darker than `level`, from runs of rows joined where they touch.
-fn components(green: &[u8], w: usize, level: u8) -> Vec<Sums> {
-    let h = green.len() / w;
+fn components(picture: &Levels, level: u8) -> Vec<Sums> {
+    let (w, h) = (picture.width, picture.green.len() / picture.width);
     let mut parent: Vec<usize> = Vec::new();
     let mut sums: Vec<Sums> = Vec::new();
     let mut above: Vec<(usize, usize, usize)> = Vec::new();
     let mut here: Vec<(usize, usize, usize)> = Vec::new();
-    for (y, row) in green.chunks_exact(w).enumerate() {
+    for y in 0..h {
         here.clear();
         let mut x = 0;
         let mut k = 0;
         while x < w {
-            let Some(first) = row[x..].iter().position(|g| *g < level).map(|p| x + p) else { break };
-            let end = row[first..].iter().position(|g| *g >= level).map_or(w, |p| first + p);
+            let Some(first) = picture.find(y, x, level, true) else { break };
+            let end = picture.find(y, first, level, false).unwrap_or(w);
             x = end;
             let mut own = Sums::of_run(first, end, y);
             own.at_border = y == 0 || y + 1 == h || first == 0 || end == w;
