@@ -3,8 +3,8 @@
 //! nothing of its detection.
 
 use boxline::calib::{
-    Board, CalibrationReject, CalibrationSettings, CalibrationSolution, FrameReject, OnBoard, find_board,
-    solve_all, solve_camera,
+    Board, CalibrationReject, CalibrationSettings, CalibrationSolution, FrameReject, OnBoard, empty_corners,
+    find_board, solve_all, solve_camera,
 };
 use boxline::frames::{Cam, Pose};
 use boxline::{CameraModel, Frame, LaserId, Px};
@@ -25,6 +25,9 @@ impl Random {
         low + (high - low) * ((self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11) as f64 / (1u64 << 53) as f64)
     }
 }
+
+/// All four lasers on.
+const ALL_ON: [bool; 4] = [true; 4];
 
 struct Head {
     camera: CameraModel,
@@ -55,7 +58,7 @@ impl Head {
         }
     }
 
-    fn draw(&self, pose: &Pose<Cam, OnBoard>, blur_px: f64, random: &mut Random) -> Frame {
+    fn draw(&self, pose: &Pose<Cam, OnBoard>, on: [bool; 4], blur_px: f64, random: &mut Random) -> Frame {
         let m = Matrix3::from_columns(&[
             pose.rotation.column(0).into(),
             pose.rotation.column(1).into(),
@@ -88,7 +91,7 @@ impl Head {
             };
             let light = 1.0 + slope.x * (at.u / WIDTH as f64 - 0.5) + slope.y * (at.v / HEIGHT as f64 - 0.5);
             let mut laser = 0.0;
-            for plane in &self.planes {
+            for (plane, _) in self.planes.iter().zip(on).filter(|(_, on)| *on) {
                 let line = q - plane;
                 let distance_px = line.dot(&ray.xy1) / (jacobian.transpose() * line.xy()).norm();
                 laser += (-0.5 * (distance_px / 1.8).powi(2)).exp();
@@ -141,7 +144,8 @@ fn calibrate(frames: &[Frame], board: &Board) -> Result<CalibrationSolution, Cal
 fn drawn(seed: u64, blur_px: f64) -> (Head, Vec<Frame>) {
     let mut random = Random(seed);
     let head = Head::new(&mut random);
-    let frames = poses(&mut random, 8).iter().map(|pose| head.draw(pose, blur_px, &mut random)).collect();
+    let poses = poses(&mut random, 8);
+    let frames = poses.iter().map(|pose| head.draw(pose, ALL_ON, blur_px, &mut random)).collect();
     (head, frames)
 }
 
@@ -179,6 +183,8 @@ fn other_heads_are_calibrated_without_a_start() {
                 );
             }
         }
+        // Near frames reach at least one.
+        assert!(empty_corners(&solution).len() < 4, "seed {seed}: {:?}", empty_corners(&solution));
         assert!(
             solution.centre_rms_px.iter().all(|rms| *rms < 0.1),
             "seed {seed}: {:?}",
@@ -202,14 +208,131 @@ fn a_set_that_fixes_nothing_says_what_is_missing() {
     let mut random = Random(5);
     let flat: Vec<Frame> = (0..6)
         .map(|i| Pose::new(face_us, Vector3::new(0.0, 0.0, 1000.0 + 150.0 * f64::from(i))))
-        .map(|pose| head.draw(&pose, 1.0, &mut random))
+        .map(|pose| head.draw(&pose, ALL_ON, 1.0, &mut random))
         .collect();
     assert!(matches!(calibrate(&flat, &BOARD), Err(CalibrationReject::NoTilt { .. })));
-    let same: Vec<Frame> = (0..6).map(|_| frames[7].clone()).collect();
-    assert!(matches!(
-        calibrate(&same, &BOARD),
-        Err(CalibrationReject::OneDistance { .. } | CalibrationReject::NoTilt { .. })
-    ));
+    // Tilted enough for the camera, but all at 1.9 m: a plane through nearly parallel stripes turns about them.
+    let far: Vec<Frame> = (0..6)
+        .map(|i| {
+            let axis = nalgebra::Unit::new_normalize(Vector3::new(
+                (1.1 * f64::from(i)).cos(),
+                (1.1 * f64::from(i)).sin(),
+                0.0,
+            ));
+            let turn = Rotation3::from_axis_angle(&axis, 14f64.to_radians()).into_inner() * face_us;
+            Pose::new(turn, Vector3::new(0.0, 0.0, 1900.0))
+        })
+        .map(|pose| head.draw(&pose, ALL_ON, 1.0, &mut random))
+        .collect();
+    assert!(matches!(calibrate(&far, &BOARD), Err(CalibrationReject::OneDistance { .. })));
+}
+
+fn planes_are_right(head: &Head, solution: &CalibrationSolution) {
+    for id in LaserId::ALL {
+        let (p, t) = (solution.lasers[id.index()].per_mm, head.planes[id.index()]);
+        let off = (p - t).norm() / t.norm();
+        assert!(off < 1e-3, "laser {id}: {p} for {t}");
+    }
+}
+
+#[test]
+fn a_laser_that_some_frames_lack_is_solved_from_the_others() {
+    // Laser 3 in five of eight frames, laser 1 in six, once both are missing.
+    let mut random = Random(31);
+    let head = Head::new(&mut random);
+    let poses = poses(&mut random, 8);
+    let on = |i: usize| [i != 2 && i != 5, true, ![0, 3, 5].contains(&i), true];
+    let frames: Vec<Frame> =
+        poses.iter().enumerate().map(|(i, pose)| head.draw(pose, on(i), 1.0, &mut random)).collect();
+    let solution = calibrate(&frames, &BOARD).unwrap_or_else(|e| panic!("{e}"));
+    planes_are_right(&head, &solution);
+    let frames_of = |laser: LaserId| {
+        solution.frames.iter().filter(|f| f.stripes.iter().any(|s| s.laser == laser)).count()
+    };
+    assert_eq!(LaserId::ALL.map(frames_of), [6, 8, 5, 8]);
+}
+
+#[test]
+fn a_dead_laser_is_named() {
+    let (_, frames) = drawn(31, 1.0);
+    let views = frames.iter().filter_map(|f| find_board(f, &BOARD).ok()).collect();
+    let camera =
+        solve_camera(views, &BOARD, CalibrationSettings::default()).unwrap_or_else(|e| panic!("{e}"));
+    let all: Vec<_> = frames.iter().enumerate().map(|(i, f)| camera.find_stripes(i, f)).collect();
+    assert!(all.iter().all(|stripes| stripes.len() == 4), "the drawing shows all stripes in all frames");
+    // The stripes without those of lasers that are off in a frame. Right of its pair is 1, and 4.
+    let without = |off: &dyn Fn(usize, LaserId) -> bool| {
+        let mut stripes = all.clone();
+        for (frame, stripes) in stripes.iter_mut().enumerate() {
+            let whole = stripes.clone();
+            stripes.retain(|s| {
+                let right = whole.iter().all(|o| o.down != s.down || o.across <= s.across);
+                let laser = match (s.down, right) {
+                    (true, true) => LaserId::ALL[0],
+                    (true, false) => LaserId::ALL[1],
+                    (false, false) => LaserId::ALL[2],
+                    (false, true) => LaserId::ALL[3],
+                };
+                !off(frame, laser)
+            });
+        }
+        solve_all(camera.clone(), &stripes).map(|_| ())
+    };
+    assert_eq!(without(&|_, _| false), Ok(()));
+    for dead in LaserId::ALL {
+        // In no frame, in one, in four.
+        for frames in [0, 1, 4] {
+            let found = without(&|i, laser| laser == dead && i >= frames);
+            assert_eq!(
+                found,
+                Err(CalibrationReject::LaserSeenTooRarely { laser: dead, frames, needed: 5 }),
+                "laser {dead} in {frames} frames"
+            );
+        }
+    }
+    // One of either pair: no whole pair to compare with, so the pair is named.
+    let found = without(&|_, laser| laser == LaserId::ALL[1] || laser == LaserId::ALL[2]);
+    let pair = [LaserId::ALL[0], LaserId::ALL[1]];
+    assert_eq!(found, Err(CalibrationReject::PairSeenTooRarely { pair, frames: 0, needed: 5 }));
+}
+
+#[test]
+fn boards_tilted_beyond_45_degrees_are_used() {
+    let face_us = Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
+    let mut random = Random(41);
+    let head = Head::new(&mut random);
+    let frames: Vec<Frame> = (0..8)
+        .map(|i| {
+            let about = f64::from(i) * std::f64::consts::FRAC_PI_4 + 0.2;
+            let axis = nalgebra::Unit::new_normalize(Vector3::new(about.cos(), about.sin(), 0.0));
+            let tilt = if i % 2 == 0 { 48f64 } else { 20.0 };
+            let turn = Rotation3::from_axis_angle(&axis, tilt.to_radians()) * face_us;
+            Pose::new(turn.into_inner(), Vector3::new(0.0, 0.0, 1100.0 + 120.0 * f64::from(i)))
+        })
+        .map(|pose| head.draw(&pose, ALL_ON, 1.0, &mut random))
+        .collect();
+    let solution = calibrate(&frames, &BOARD).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(solution.frames.len(), 8, "all frames take part");
+    planes_are_right(&head, &solution);
+    assert!((solution.camera.fx - head.camera.fx).abs() < 0.5, "{:?}", solution.camera);
+}
+
+#[test]
+fn corners_that_no_circle_reached_are_told() {
+    // From 1.75 m on the board covers less than half of the picture and reaches no corner.
+    let face_us = Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
+    let mut random = Random(51);
+    let head = Head::new(&mut random);
+    let far: Vec<Frame> = (0..6)
+        .map(|i| {
+            let axis = if i % 2 == 0 { Vector3::x_axis() } else { Vector3::y_axis() };
+            let turn = Rotation3::from_axis_angle(&axis, if i < 3 { 0.4 } else { -0.4 }) * face_us;
+            Pose::new(turn.into_inner(), Vector3::new(0.0, 0.0, 1750.0 + 100.0 * f64::from(i)))
+        })
+        .map(|pose| head.draw(&pose, ALL_ON, 1.0, &mut random))
+        .collect();
+    let far = calibrate(&far, &BOARD).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(empty_corners(&far).len(), 4);
 }
 
 #[test]

@@ -7,6 +7,7 @@
 mod adjust;
 mod blobs;
 mod board;
+mod coverage;
 mod detect;
 mod grid;
 mod judge;
@@ -25,6 +26,7 @@ mod zhang;
 
 pub use crate::calibration::CalibrationCovariance;
 pub use board::{Board, BoardView, Circle, OnBoard};
+pub use coverage::{Corner, empty_corners};
 pub use detect::{MIN_CIRCLES, find_board};
 pub use judge::tilt_deg;
 pub use next_frame::{Advice, next_frame};

@@ -34,15 +34,26 @@ fn by_order(stripes: &[BoardStripe]) -> Vec<Option<usize>> {
 /// The laser of every stripe of every frame, 0 to 3; `None` for stripes that fit no plane.
 pub(super) type LasersOfFrames = Vec<Vec<Option<usize>>>;
 
-/// The planes (`p . X = 1`) and the laser of every stripe of every frame; `None` for stripes that fit no plane. An error
-/// names the laser that is never seen beside its twin.
-pub(super) fn start(frames: &[StripesInSpace]) -> Result<([Vector3<f64>; 4], LasersOfFrames), LaserId> {
+/// A pair whose stripes are seen together in too few frames to tell them apart.
+pub(super) struct IncompletePair {
+    pub pair: [LaserId; 2],
+    /// The one that is missing, if the other pair tells.
+    pub missing: Option<LaserId>,
+    /// Frames with both.
+    pub frames: usize,
+}
+
+/// The planes (`p . X = 1`) and the laser of every stripe of every frame; `None` for stripes that fit no plane.
+pub(super) fn start(
+    frames: &[StripesInSpace],
+) -> Result<([Vector3<f64>; 4], LasersOfFrames), IncompletePair> {
     let mut lasers: Vec<Vec<Option<usize>>> = frames.iter().map(|f| by_order(f.stripes)).collect();
     let mut planes = [Vector3::zeros(); 4];
     // The second pass has the stripes that were alone, and is without those that were not the lasers'.
     for _ in 0..3 {
         for id in LaserId::ALL {
-            planes[id.index()] = robust_plane(frames, &lasers, id.index()).ok_or(id)?;
+            planes[id.index()] = robust_plane(&sets_of(frames, &lasers, id.index()))
+                .ok_or_else(|| incomplete_pair(frames, &lasers, id))?;
         }
         for (frame, lasers) in frames.iter().zip(&mut lasers) {
             for (i, (stripe, points)) in frame.stripes.iter().zip(&frame.points).enumerate() {
@@ -69,16 +80,47 @@ fn mean_angle(plane: &Vector3<f64>, points: &[Vector3<f64>]) -> f64 {
     sum / points.len().max(1) as f64
 }
 
-/// The plane of most frames: fitted, then without the frames that stray, twice.
-fn robust_plane(
-    frames: &[StripesInSpace],
-    lasers: &[Vec<Option<usize>>],
-    laser: usize,
-) -> Option<Vector3<f64>> {
-    let mut sets: Vec<&Vec<Vector3<f64>>> = Vec::new();
-    for (frame, lasers) in frames.iter().zip(lasers) {
-        sets.extend(frame.points.iter().zip(lasers).filter(|(_, l)| **l == Some(laser)).map(|(p, _)| p));
-    }
+/// Points of one stripe.
+type Points = Vec<Vector3<f64>>;
+
+fn sets_of<'a>(frames: &'a [StripesInSpace], lasers: &[Vec<Option<usize>>], laser: usize) -> Vec<&'a Points> {
+    let of_frame = |(frame, lasers): (&'a StripesInSpace, &Vec<Option<usize>>)| {
+        let mine = frame.points.iter().zip(lasers).filter(|(_, l)| **l == Some(laser));
+        mine.map(|(p, _)| p).collect::<Vec<_>>()
+    };
+    frames.iter().zip(lasers).flat_map(of_frame).collect()
+}
+
+/// A plane is taken for the mirror image of another if it is so many times nearer to it than to that one's twin.
+const NEARER: f64 = 2.0;
+
+/// Which of a pair is missing. A stripe alone has no order; but a head is built symmetric about the plane of its axis and
+/// its exits (y = 0), so the plane of the lone stripes lies near the mirror image of its counterpart in the other pair:
+/// 1 of 4, 2 of 3.
+fn incomplete_pair(frames: &[StripesInSpace], lasers: &[Vec<Option<usize>>], id: LaserId) -> IncompletePair {
+    let down = id.number() <= 2;
+    let pair = if down { [LaserId::ALL[0], LaserId::ALL[1]] } else { [LaserId::ALL[2], LaserId::ALL[3]] };
+    let both = |f: &&StripesInSpace| f.stripes.iter().filter(|s| s.down == down).count() == 2;
+    let lone: Vec<&Points> = frames
+        .iter()
+        .filter(|f| !both(f))
+        .flat_map(|f| f.stripes.iter().zip(&f.points).filter(|(s, _)| s.down == down).map(|(_, p)| p))
+        .collect();
+    let seen = robust_plane(&lone);
+    let off = |id: LaserId| {
+        let other = robust_plane(&sets_of(frames, lasers, 3 - id.index()))?;
+        Some((seen? - Vector3::new(other.x, -other.y, other.z)).norm())
+    };
+    let missing = match (off(pair[0]), off(pair[1])) {
+        (Some(first), Some(second)) if NEARER * first < second => Some(pair[1]),
+        (Some(first), Some(second)) if NEARER * second < first => Some(pair[0]),
+        _ => None,
+    };
+    IncompletePair { pair, missing, frames: frames.iter().filter(both).count() }
+}
+
+/// The plane of most stripes: fitted, then without the stripes that stray, twice.
+fn robust_plane(sets: &[&Points]) -> Option<Vector3<f64>> {
     // Two frames span a plane: the pair on which most frames agree starts.
     let agreeing = |plane: &Vector3<f64>| sets.iter().filter(|s| mean_angle(plane, s) < MAX_ANGLE).count();
     let mut best: Option<(usize, Vector3<f64>)> = None;
@@ -94,15 +136,14 @@ fn robust_plane(
     }
     let mut plane = best?.1;
     for _ in 0..2 {
-        let near: Vec<&Vec<Vector3<f64>>> =
-            sets.iter().copied().filter(|s| mean_angle(&plane, s) < MAX_ANGLE).collect();
+        let near: Vec<&Points> = sets.iter().copied().filter(|s| mean_angle(&plane, s) < MAX_ANGLE).collect();
         plane = plane_through(&near)?;
     }
     Some(plane)
 }
 
 /// Total least squares: the normal is where the points spread least.
-fn plane_through(sets: &[&Vec<Vector3<f64>>]) -> Option<Vector3<f64>> {
+fn plane_through(sets: &[&Points]) -> Option<Vector3<f64>> {
     let n = sets.iter().map(|s| s.len()).sum::<usize>() as f64;
     if n < 3.0 {
         return None;

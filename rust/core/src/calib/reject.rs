@@ -119,6 +119,15 @@ pub enum CalibrationReject {
         /// Fewest that are needed.
         needed: usize,
     },
+    /// Two lasers are seen together in too few frames, and which of them is missing cannot be told.
+    PairSeenTooRarely {
+        /// Which two.
+        pair: [LaserId; 2],
+        /// In how many frames both are seen.
+        frames: usize,
+        /// Fewest that are needed.
+        needed: usize,
+    },
     /// The adjustment found no camera that explains the frames.
     NoSolution {
         /// Root mean square of the circles' residuals, px an axis; not finite if there is no solution at all.
@@ -139,6 +148,7 @@ impl CalibrationReject {
             Self::NoTilt { .. } => "no_tilt",
             Self::OneDistance { .. } => "one_distance",
             Self::LaserSeenTooRarely { .. } => "laser_seen_too_rarely",
+            Self::PairSeenTooRarely { .. } => "pair_seen_too_rarely",
             Self::NoSolution { .. } => "no_solution",
         }
     }
@@ -170,6 +180,10 @@ impl std::fmt::Display for CalibrationReject {
             Self::LaserSeenTooRarely { laser, frames, needed } => {
                 write!(f, "laser {laser} is seen in {frames} frames only, {needed} are needed")
             }
+            Self::PairSeenTooRarely { pair: [first, second], frames, needed } => write!(
+                f,
+                "lasers {first} and {second} are seen together in {frames} frames only, {needed} are needed"
+            ),
             Self::NoSolution { rms_px, limit_px } => write!(
                 f,
                 "no camera explains the frames: residuals of {rms_px:.2} px rms, at most {limit_px:.1} px are allowed; is the board flat and the focus fixed?"

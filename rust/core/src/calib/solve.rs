@@ -299,13 +299,11 @@ pub fn solve_all(
             StripesInSpace { stripes, points: points.collect() }
         })
         .collect();
-    let (planes, lasers) = planes::start(&in_space).map_err(|laser| {
-        let down = laser.number() <= 2;
-        let frames = in_space.iter().filter(|f| f.stripes.iter().filter(|s| s.down == down).count() == 2);
-        CalibrationReject::LaserSeenTooRarely {
-            laser,
-            frames: frames.count(),
-            needed: judge::MIN_LASER_FRAMES,
+    let (planes, lasers) = planes::start(&in_space).map_err(|found| {
+        let (frames, needed) = (found.frames, judge::MIN_LASER_FRAMES);
+        match found.missing {
+            Some(laser) => CalibrationReject::LaserSeenTooRarely { laser, frames, needed },
+            None => CalibrationReject::PairSeenTooRarely { pair: found.pair, frames, needed },
         }
     })?;
     let ranges = judge::check_lasers(&in_space, &lasers)?;
