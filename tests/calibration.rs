@@ -96,3 +96,89 @@ fn a_board_file_with_another_pitch_is_refused() {
     let wrong = Board { pitch_mm: 110.0, ..board(&folder) };
     assert!(matches!(calibrate(&folder, &wrong), Err(CalibrationReject::OtherRatio { .. })));
 }
+
+/// Do solves of different frames of one set scatter as their sigmas say? Each disjoint pick of 9 of the 28 frames is a draw;
+/// what frames share (the camera, the board, the renderer) is in all of them. For reading, not a limit: few draws.
+#[test]
+#[ignore = "for reading: cargo test --release -p boxline-tests --test calibration -- --ignored --nocapture"]
+fn how_subsets_scatter_in_their_own_sigmas() {
+    let folder = root().join("../shared/recordings/calibration_set");
+    if !folder.join("recording.json").is_file() {
+        println!("SKIPPED: {} is not there", folder.display());
+        return;
+    }
+    let board = board(&folder);
+    let recording = read_recording(&folder).unwrap();
+    let load = |i: usize| Frame::from_jpeg(&std::fs::read(&recording.frames[i].file).unwrap()).unwrap();
+    let views: Vec<_> = (0..recording.frames.len()).map(|i| find_board(&load(i), &board).unwrap()).collect();
+    let truth = truth();
+    let t = truth.camera();
+    let (mut squares, mut sums, mut draws) = ([0.0; 6], [0.0; 6], 0.0);
+    // Steps that share no factor with 28 walk through all frames in different orders.
+    for step in [1, 3, 5, 9, 11, 13] {
+        for part in 0..3 {
+            let pick: Vec<usize> = (0..9).map(|k| (part * 9 + k) * step % views.len()).collect();
+            let chosen = pick.iter().map(|i| views[*i].clone()).collect();
+            let solved = solve_camera(chosen, &board, CalibrationSettings::default()).and_then(|camera| {
+                let stripes: Vec<Vec<BoardStripe>> =
+                    pick.iter().enumerate().map(|(k, i)| camera.find_stripes(k, &load(*i))).collect();
+                solve_all(camera, &stripes)
+            });
+            let Ok(s) = solved else {
+                println!("step {step} part {part}: {}", solved.err().unwrap());
+                continue;
+            };
+            let c = &s.camera;
+            let off = [c.fx - t.fx, c.fy - t.fy, c.cx - t.cx, c.cy - t.cy, c.k1 - t.k1, c.k2 - t.k2];
+            let in_sigmas: [f64; 6] = std::array::from_fn(|i| off[i] / s.covariance[(i, i)].sqrt());
+            let together = s.covariance[(0, 1)] / (s.covariance[(0, 0)] * s.covariance[(1, 1)]).sqrt();
+            println!(
+                "step {step} part {part}: {in_sigmas:+.1?} sigmas, fx {:+.3} px, fx and fy go together by {together:.2}, scatter {:.2?} correlation {:.2?}",
+                off[0], s.scatter, s.correlation
+            );
+            for i in 0..6 {
+                squares[i] += in_sigmas[i] * in_sigmas[i];
+                sums[i] += in_sigmas[i];
+            }
+            draws += 1.0;
+        }
+    }
+    println!(
+        "rms in sigmas {:.2?}, mean {:+.2?}, {draws} draws",
+        squares.map(|s| (s / draws).sqrt()),
+        sums.map(|s| s / draws)
+    );
+}
+
+/// Time of finding the board, for comparison with `tests/opencv/circle_grid_referee.py`: processor time,
+/// best of five.
+#[test]
+#[ignore = "for reading: cargo test --release -p boxline-tests --test calibration -- --ignored --nocapture"]
+fn how_long_finding_the_board_takes() {
+    let folder = root().join("../shared/recordings/calibration_set");
+    if !folder.join("recording.json").is_file() {
+        println!("SKIPPED: {} is not there", folder.display());
+        return;
+    }
+    // Linux: nanoseconds that this thread has run.
+    let ran_ms = || {
+        let stat = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap();
+        stat.split(' ').next().unwrap().parse::<f64>().unwrap() * 1e-6
+    };
+    let board = board(&folder);
+    let mut sum_ms = 0.0;
+    let recording = read_recording(&folder).unwrap();
+    for recorded in &recording.frames {
+        let frame = Frame::from_jpeg(&std::fs::read(&recorded.file).unwrap()).unwrap();
+        let best_ms = (0..5)
+            .map(|_| {
+                let start = ran_ms();
+                find_board(&frame, &board).unwrap();
+                ran_ms() - start
+            })
+            .fold(f64::INFINITY, f64::min);
+        println!("{}: {best_ms:.0} ms", recorded.id);
+        sum_ms += best_ms;
+    }
+    println!("{:.0} ms in all, {:.0} ms a frame", sum_ms, sum_ms / recording.frames.len() as f64);
+}

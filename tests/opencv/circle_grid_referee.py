@@ -54,7 +54,8 @@ def find(gray):
 
 
 grid = np.array([[(i - (columns - 1) / 2) * pitch, (j - (rows - 1) / 2) * pitch, 0] for j in range(rows) for i in range(columns)])
-seen, errors, times, size = [], [], [], None
+seen, errors, times, hits, size = [], [], [], [], None
+cv2.setNumThreads(1)
 visible_all = 0
 for frame in frames:
     gray = cv2.imread(str(folder / frame["file"]), cv2.IMREAD_COLOR)[:, :, 1].copy()  # green: lasers are faint there
@@ -63,9 +64,14 @@ for frame in frames:
     at = project(grid @ np.array(pose["R_board_to_cam"]).T + np.array(pose["t_mm"]))
     inside = np.all((at > 12) & (at < np.array(size) - 13), axis=1)
     visible_all += inside.sum()
-    start = time.time()
-    centres = find(gray)
-    times.append(time.time() - start)
+    # Processor time, best of five, as `how_long_finding_the_board_takes` in tests/calibration.rs: other work disturbs less.
+    best = float("inf")
+    for _ in range(5):
+        start = time.process_time()
+        centres = find(gray)
+        best = min(best, time.process_time() - start)
+    times.append(best)
+    hits.append(centres is not None)
     if centres is None:
         print(f"{frame['id']}: not found ({inside.sum()} of {len(grid)} circles are inside), {times[-1]:.2f} s")
         continue
@@ -77,7 +83,9 @@ for frame in frames:
     print(f"{frame['id']}: {len(centres)} centres, {np.sqrt((off**2).mean()):.3f} px rms an axis, {times[-1]:.2f} s")
 
 found = sum(len(c) for _, c in seen)
-print(f"frames {len(seen)} of {len(frames)}; circles {found} of {visible_all} inside; {sum(times):.1f} s")
+print(f"frames {len(seen)} of {len(frames)}; circles {found} of {visible_all} inside")
+found_times = [t for t, ok in zip(times, hits) if ok]
+print(f"{sum(times):.2f} s in all; {1e3 * np.mean(found_times):.0f} ms for a frame that is found, {1e3 * sum(times) / max(len(found_times), 1):.0f} ms of work for each found")
 if seen:
     off = np.concatenate(errors)
     print(f"centre error: {np.sqrt((off**2).mean(axis=0)).round(4)} px rms (u, v), mean {off.mean(axis=0).round(4)}")
