@@ -1,11 +1,12 @@
 //! `boxline convert`: the camera of a calibration to and from OpenCV's model, in OpenCV's own JSON
-//! (`cv2.FileStorage("camera.json", ...)`: nodes camera_matrix, distortion_coefficients, image_width, image_height).
+//! (`cv2.FileStorage("camera.json", ...)`: nodes camera_matrix, distortion_coefficients, image_width, image_height). Its YAML
+//! starts with a line and has tags that parsers of YAML 1.2 refuse, and `FileStorage` reads and writes JSON by the file's
+//! name: so JSON only.
 
 use crate::Finished;
 use crate::input::Usage;
-use anyhow::{Context, anyhow};
-use boxline::Calibration;
 use boxline::calib::opencv::{OpenCvCamera, RefitResidual, from_opencv, to_opencv};
+use boxline::{Calibration, Error, ErrorKind};
 use boxline_proto::json::{calibration_json, read_calibration, write_json};
 use clap::{Args as ClapArgs, ValueEnum};
 use serde_json::{Value, json};
@@ -47,9 +48,10 @@ pub fn convert(args: &ConvertArgs) -> anyhow::Result<Finished> {
     let calibration = read_calibration(&args.calibration)?;
     let (width, height) = (calibration.width_px(), calibration.height_px());
     let (value, residual) = if let Some(path) = args.camera.as_ref().filter(|_| args.from.is_some()) {
-        let camera = read_opencv(path, width, height).with_context(|| path.display().to_string())?;
-        let (camera, residual) = from_opencv(&camera, width, height)
-            .ok_or_else(|| anyhow!("{}: the distortion has no inverse over the sensor", path.display()))?;
+        let camera = read_opencv(path, width, height).map_err(|e| e.in_context(path.display()))?;
+        let (camera, residual) = from_opencv(&camera, width, height).ok_or_else(|| {
+            invalid("the distortion has no inverse over the sensor").in_context(path.display())
+        })?;
         let planes = calibration.lasers().map(|plane| [plane.per_mm.x, plane.per_mm.y, plane.per_mm.z, -1.0]);
         let taken = Calibration::new(calibration.serial(), [width, height], camera, planes)?;
         (calibration_json(&taken), residual)
@@ -57,8 +59,18 @@ pub fn convert(args: &ConvertArgs) -> anyhow::Result<Finished> {
         if args.camera.is_some() {
             return Err(Usage("--camera goes with --from".into()).into());
         }
+        let named = |text: String| {
+            Error::new(ErrorKind::InvalidCalibration, text).in_context(args.calibration.display())
+        };
+        let skew = calibration.camera().skew;
+        if skew != 0.0 {
+            return Err(named(format!(
+                "camera.skew is {skew} px: OpenCV's model has no skew, only 0 can be written"
+            ))
+            .into());
+        }
         let (camera, residual) = to_opencv(calibration.camera(), width, height)
-            .ok_or_else(|| anyhow!("{}: the distortion has no inverse", args.calibration.display()))?;
+            .ok_or_else(|| named("the distortion has no inverse".into()))?;
         (opencv_json(&camera, width, height), residual)
     };
     write_json(&args.output, &value)?;
@@ -87,34 +99,52 @@ fn opencv_json(c: &OpenCvCamera, width: u32, height: u32) -> Value {
     })
 }
 
-fn read_opencv(path: &std::path::Path, width: u32, height: u32) -> anyhow::Result<OpenCvCamera> {
+fn invalid(text: impl Into<String>) -> Error {
+    Error::new(ErrorKind::InvalidFile, text)
+}
+
+fn read_opencv(path: &std::path::Path, width: u32, height: u32) -> Result<OpenCvCamera, Error> {
     use std::io::Read;
+    let io = |e: std::io::Error| Error::new(ErrorKind::Io, format!("cannot read: {e}")).with_source(e);
     let mut bytes = Vec::new();
-    std::fs::File::open(path)?.take(MAX_BYTES).read_to_end(&mut bytes)?;
-    let value: Value = serde_json::from_slice(&bytes).context("not OpenCV's JSON")?;
+    std::fs::File::open(path).map_err(io)?.take(MAX_BYTES).read_to_end(&mut bytes).map_err(io)?;
+    let value: Value = serde_json::from_slice(&bytes)
+        .map_err(|e| invalid(format!("not OpenCV's JSON: {e}")).with_source(e))?;
     for (key, needed) in [("image_width", width), ("image_height", height)] {
         if let Some(found) = value[key].as_u64().filter(|found| *found != u64::from(needed)) {
-            return Err(anyhow!("{key} is {found}, the calibration has {needed}"));
+            return Err(invalid(format!("{key} is {found}, the calibration has {needed}")));
         }
     }
-    let numbers = |key: &str| -> anyhow::Result<Vec<f64>> {
-        let data = value[key]["data"].as_array().ok_or_else(|| anyhow!("{key}.data: a list is needed"))?;
+    let numbers = |key: &str| -> Result<Vec<f64>, Error> {
+        let data =
+            value[key]["data"].as_array().ok_or_else(|| invalid(format!("{key}.data: a list is needed")))?;
         let read = |x: &Value| x.as_f64().filter(|x| x.is_finite());
         data.iter()
             .map(read)
             .collect::<Option<_>>()
-            .ok_or_else(|| anyhow!("{key}.data: finite numbers are needed"))
+            .ok_or_else(|| invalid(format!("{key}.data: finite numbers are needed")))
     };
     let k = numbers("camera_matrix")?;
     let [fx, skew, cx, _, fy, cy, ..] = k[..] else {
-        return Err(anyhow!("camera_matrix.data has {} numbers, 9 are needed", k.len()));
+        return Err(invalid(format!("camera_matrix.data has {} numbers, 9 are needed", k.len())));
     };
-    if k.len() != 9 || fx <= 0.0 || fy <= 0.0 || skew != 0.0 {
-        return Err(anyhow!("camera_matrix: 9 numbers, positive focal lengths and no skew are needed"));
+    if k.len() != 9 {
+        return Err(invalid(format!("camera_matrix.data has {} numbers, 9 are needed", k.len())));
+    }
+    if fx <= 0.0 || fy <= 0.0 {
+        return Err(invalid(format!(
+            "camera_matrix: focal lengths {fx} and {fy} px, positive ones are needed"
+        )));
+    }
+    if skew != 0.0 {
+        return Err(invalid(format!("camera_matrix: skew {skew} px, OpenCV's model has none: 0 is needed")));
     }
     let mut d = numbers("distortion_coefficients")?;
     if ![4, 5].contains(&d.len()) {
-        return Err(anyhow!("distortion_coefficients.data has {} numbers, 4 or 5 are understood", d.len()));
+        return Err(invalid(format!(
+            "distortion_coefficients.data has {} numbers, 4 or 5 are understood",
+            d.len()
+        )));
     }
     d.resize(5, 0.0);
     Ok(OpenCvCamera { fx, fy, cx, cy, distortion: [d[0], d[1], d[2], d[3], d[4]] })

@@ -1,6 +1,7 @@
 //! `boxline calibrate`: a folder of board frames in, the head's calibration and a report out.
 
 mod plots;
+mod provenance;
 mod report;
 
 use crate::Finished;
@@ -9,7 +10,7 @@ use anyhow::Context;
 use boxline::calib::uncertainty::{side_sigma_mm, usual_distance_mm};
 use boxline::calib::{
     Advice, Board, BoardStripe, CalibrationReject, CalibrationSettings, CalibrationSolution, FrameReject,
-    find_board, next_frame, solve_all, solve_camera,
+    empty_corners, find_board, next_frame, solve_all, solve_camera,
 };
 use boxline::{Calibration, Frame, LaserId};
 use boxline_proto::json::{
@@ -76,6 +77,10 @@ pub fn calibrate(args: &CalibrateArgs) -> anyhow::Result<Finished> {
         if frames.iter().map(|f| &f.file).chain([&board_file]).any(|input| same_file(input, output)) {
             return Err(Usage(format!("{}: would overwrite an input", output.display())).into());
         }
+        // Told now, not after half a minute of work.
+        if !folder_of(output).is_dir() {
+            return Err(Usage(format!("{}: no such folder", folder_of(output).display())).into());
+        }
     }
     let mut left_out = Vec::new();
     match solve(&frames, &board, args, &mut left_out) {
@@ -95,7 +100,8 @@ pub fn calibrate(args: &CalibrateArgs) -> anyhow::Result<Finished> {
                 size_px,
                 seconds: start.elapsed().as_secs_f64(),
             };
-            let value = calibration_value(&solved, &board)?;
+            let mut value = calibration_value(&solved)?;
+            value["provenance"] = provenance::value(&args.folder, &board_file, &board, &frames, &solved)?;
             write_json(&args.output, &value)?;
             if let Some(path) = &args.report {
                 write_whole(path, &report::html(&solved)?)?;
@@ -188,7 +194,7 @@ fn progress(length: u64, what: &'static str) -> ProgressBar {
     ProgressBar::new(length).with_style(style).with_message(what)
 }
 
-fn calibration_value(solved: &Solved, board: &Board) -> anyhow::Result<Value> {
+fn calibration_value(solved: &Solved) -> anyhow::Result<Value> {
     let s = &solved.solution;
     let planes = s.lasers.map(|plane| [plane.per_mm.x, plane.per_mm.y, plane.per_mm.z, -1.0]);
     let size = solved.size_px.map(|n| u32::try_from(n).unwrap_or(u32::MAX));
@@ -206,12 +212,6 @@ fn calibration_value(solved: &Solved, board: &Board) -> anyhow::Result<Value> {
             json!({"side_mm": side, "distance_mm": usual_distance_mm(*side), "sigma_mm": sigma})
         }).collect::<Vec<_>>(),
     });
-    let used: Vec<&str> = s.frames.iter().map(|f| solved.names[solved.views[f.view]].as_str()).collect();
-    value["provenance"] = json!({
-        "program": concat!("boxline ", env!("CARGO_PKG_VERSION")),
-        "board": {"columns": board.columns, "rows": board.rows, "pitch_mm": board.pitch_mm, "diameter_mm": board.diameter_mm},
-        "frames": used,
-    });
     Ok(value)
 }
 
@@ -224,9 +224,26 @@ fn outcome_json(solved: &Solved, calibration: &Value) -> Value {
         "outcome": "calibrated",
         "calibration": calibration,
         "left_out": solved.left_out.iter().map(left_out_json).collect::<Vec<_>>(),
+        "warnings": warnings(solved),
         "next_frame": solved.advice.as_ref().map(advice_text),
         "seconds": solved.seconds,
     })
+}
+
+/// What a user should know who relies on a solved calibration.
+pub fn warnings(solved: &Solved) -> Vec<String> {
+    empty_corners(&solved.solution)
+        .into_iter()
+        .map(|corner| {
+            format!("no circle near the {corner} corner of the picture: the distortion there is extrapolated")
+        })
+        .collect()
+}
+
+/// From where to where a laser was seen, mm; what spans its plane.
+fn range_mm(s: &CalibrationSolution, id: LaserId) -> (f64, f64) {
+    let seen = s.frames.iter().flat_map(|f| &f.stripes).filter(|p| p.used && p.laser == id);
+    seen.fold((f64::INFINITY, 0.0), |(near, far), p| (near.min(p.depth_mm), far.max(p.depth_mm)))
 }
 
 /// Names, values and sigmas of the camera's parameters.
@@ -273,7 +290,11 @@ fn text(solved: &Solved, args: &CalibrateArgs) -> String {
     lines.push(format!("circles    {:.3}, {:.3} px rms (u, v)", s.centre_rms_px[0], s.centre_rms_px[1]));
     for id in LaserId::ALL {
         let frames = s.frames.iter().filter(|f| f.stripes.iter().any(|p| p.laser == id)).count();
-        lines.push(format!("laser {id}    {:.3} px rms, in {frames} frames", s.stripe_rms_px[id.index()]));
+        let (near, far) = range_mm(s, id);
+        lines.push(format!(
+            "laser {id}    {:.3} px rms, in {frames} frames, from {near:.0} to {far:.0} mm",
+            s.stripe_rms_px[id.index()]
+        ));
     }
     for (side, sigma) in SIDES_MM.iter().zip(solved.side_sigmas_mm) {
         let sigma = sigma.map_or("unknown".to_owned(), |x| format!("{x:.3} mm"));
@@ -282,6 +303,7 @@ fn text(solved: &Solved, args: &CalibrateArgs) -> String {
             usual_distance_mm(*side)
         ));
     }
+    lines.extend(warnings(solved).into_iter().map(|warning| format!("warning    {warning}")));
     lines.extend(solved.advice.as_ref().map(|a| format!("next       {}", advice_text(a))));
     lines.push(format!("written    {}", args.output.display()));
     lines.extend(args.report.as_ref().map(|path| format!("report     {}", path.display())));
@@ -293,12 +315,15 @@ fn same_file(a: &std::path::Path, b: &std::path::Path) -> bool {
     matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
 }
 
+fn folder_of(path: &std::path::Path) -> &std::path::Path {
+    path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(std::path::Path::new("."))
+}
+
 /// A report appears whole or not at all.
 fn write_whole(path: &std::path::Path, text: &str) -> anyhow::Result<()> {
     use std::io::Write;
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(std::path::Path::new("."));
     let write = || -> std::io::Result<()> {
-        let mut file = tempfile::NamedTempFile::new_in(folder)?;
+        let mut file = tempfile::NamedTempFile::new_in(folder_of(path))?;
         file.write_all(text.as_bytes())?;
         file.persist(path)?;
         Ok(())

@@ -1,6 +1,6 @@
 //! The report: one HTML file with everything in it, written by `maud` (checked at compile time, escapes what it inserts).
 
-use super::{SIDES_MM, Solved, advice_text, camera_rows, plots};
+use super::{SIDES_MM, Solved, advice_text, camera_rows, plots, warnings};
 use boxline::LaserId;
 use boxline::calib::tilt_deg;
 use boxline::calib::uncertainty::usual_distance_mm;
@@ -81,6 +81,7 @@ fn verdict(solved: &Solved) -> Markup {
     html! {
         @if doubts.is_empty() { p.good { b { "Trust it." } " Residuals are those of noise, and a long side loses less than " (GOOD_SIGMA_MM) " mm to the calibration." } }
         @else { p.bad { b { "Do not rely on it yet:" } " " (doubts.join("; ")) "." } }
+        @for warning in warnings(solved) { p.bad { "Mind: " (warning) "." } }
         p { "Images cannot tell whether the board's pitch is what its file says: all lengths scale with it. Check one known length with " code { "boxline verify" } "." }
     }
 }

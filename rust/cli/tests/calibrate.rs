@@ -1,0 +1,404 @@
+//! `boxline calibrate`, `verify` and `convert` from outside: a good set, every kind of bad set, exit codes, and that a refusal
+//! or an error leaves no file behind. Bad sets are recorded board frames, changed, at half size: a quarter of the time.
+#![allow(clippy::unwrap_used)] // the helpers are tests too, which clippy sees only in the functions marked #[test]
+
+use image::codecs::jpeg::JpegEncoder;
+use image::imageops::{FilterType, fast_blur, resize};
+use image::{Rgb, RgbImage};
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::sync::OnceLock;
+use tempfile::TempDir;
+
+const NAMES: [&str; 8] = ["c01", "c03", "c05", "c09", "c13", "c19", "c21", "c25"];
+
+fn data(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data").join(name)
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+fn boxline(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_boxline")).args(arguments).output().unwrap()
+}
+
+fn stdout(output: &Output) -> String {
+    String::from_utf8(output.stdout.clone()).unwrap()
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8(output.stderr.clone()).unwrap()
+}
+
+fn json_of(output: &Output) -> Value {
+    let text = stdout(output);
+    serde_json::from_str(&text)
+        .unwrap_or_else(|e| panic!("not one JSON object: {e}\n{text}\n{}", stderr(output)))
+}
+
+fn read(path: &Path) -> Value {
+    serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
+}
+
+/// The eight recorded frames at half size.
+fn halves() -> &'static [RgbImage] {
+    static HALVES: OnceLock<Vec<RgbImage>> = OnceLock::new();
+    HALVES.get_or_init(|| {
+        let load = |name: &&str| {
+            let full = image::open(data(&format!("board/{name}.jpg"))).unwrap().into_rgb8();
+            resize(&full, full.width() / 2, full.height() / 2, FilterType::Triangle)
+        };
+        NAMES.iter().map(load).collect()
+    })
+}
+
+fn jpeg(image: &RgbImage) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    JpegEncoder::new_with_quality(&mut bytes, 95).encode_image(image).unwrap();
+    bytes
+}
+
+/// A folder with frames, a recording and the board; outputs go to `out/`.
+struct Set {
+    folder: TempDir,
+    frames: Vec<Value>,
+}
+
+impl Set {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::create_dir(folder.path().join("out")).unwrap();
+        let set = Self { folder, frames: Vec::new() };
+        set.write("board.json", &std::fs::read(data("board/board.json")).unwrap());
+        set
+    }
+
+    /// The recorded frames at half size, each changed.
+    fn of(count: usize, change: impl Fn(usize, &RgbImage) -> Vec<u8>) -> Self {
+        let mut set = Self::new();
+        for (i, half) in halves().iter().enumerate().take(count) {
+            set.add(NAMES[i], &change(i, half));
+        }
+        set
+    }
+
+    fn write(&self, name: &str, bytes: &[u8]) {
+        std::fs::write(self.folder.path().join(name), bytes).unwrap();
+    }
+
+    fn add(&mut self, name: &str, bytes: &[u8]) {
+        let file = format!("{name}.jpg");
+        self.write(&file, bytes);
+        self.frames.push(json!({"id": name, "file": file, "role": "board", "laser": "on"}));
+        let recording = json!({"format": "boxline-recording/1", "device": {"serial": "T-1"},
+            "calibration": "none.json", "frames": self.frames});
+        self.write("recording.json", recording.to_string().as_bytes());
+    }
+
+    fn board(&self, key: &str, value: Value) {
+        let mut board = read(&data("board/board.json"));
+        board[key] = value;
+        self.write("board.json", board.to_string().as_bytes());
+    }
+
+    fn output(&self) -> PathBuf {
+        self.folder.path().join("out/calibration.json")
+    }
+
+    fn run(&self) -> Output {
+        let report = self.folder.path().join("out/report.html");
+        let output = self.output();
+        let output = boxline(&[
+            "calibrate",
+            text(self.folder.path()),
+            "-o",
+            text(&output),
+            "--report",
+            text(&report),
+            "--json",
+        ]);
+        assert!(!stderr(&output).contains("panicked"), "{}", stderr(&output));
+        output
+    }
+
+    fn left_behind(&self) -> usize {
+        std::fs::read_dir(self.folder.path().join("out")).unwrap().count()
+    }
+
+    /// Runs it; it must be refused for this reason and write nothing.
+    fn refused(&self, reason: &str) -> Value {
+        let output = self.run();
+        let object = json_of(&output);
+        assert_eq!(output.status.code(), Some(3), "{object}");
+        assert_eq!(object["outcome"], "rejected");
+        assert_eq!(object["reject"]["reason"], reason, "{object}");
+        assert_eq!(self.left_behind(), 0, "something was left behind");
+        object
+    }
+
+    /// Runs it; it must be solved, without the frames of these names.
+    fn solved_without(&self, names: &[&str]) -> Value {
+        let output = self.run();
+        let object = json_of(&output);
+        assert_eq!(output.status.code(), Some(0), "{object}");
+        let left_out = object["left_out"].as_array().unwrap();
+        let found: Vec<&str> = left_out.iter().map(|f| f["frame"].as_str().unwrap()).collect();
+        assert_eq!(found, names, "{object}");
+        assert_eq!(self.left_behind(), 2);
+        object
+    }
+
+    fn fails(&self, kind: &str, word: &str) {
+        let output = self.run();
+        assert_eq!(output.status.code(), Some(2), "{}", stdout(&output));
+        assert!(stderr(&output).contains(word), "{}", stderr(&output));
+        assert_eq!(json_of(&output)["error"]["kind"], kind, "{}", stderr(&output));
+        assert_eq!(self.left_behind(), 0, "something was left behind");
+    }
+}
+
+fn why(object: &Value, i: usize) -> &str {
+    object["left_out"][i]["why"].as_str().unwrap()
+}
+
+/// Focal length at half size against the truth, px of the half-size frame.
+fn fx_error(object: &Value) -> f64 {
+    let truth = read(&data("calibration_set/calibration.json"))["camera"]["fx"].as_f64().unwrap();
+    object["calibration"]["camera"]["fx"].as_f64().unwrap() - 0.5 * truth
+}
+
+#[test]
+fn a_good_set_gives_calibration_report_and_provenance() {
+    let folder = tempfile::tempdir().unwrap();
+    let (file, report) = (folder.path().join("calibration.json"), folder.path().join("report.html"));
+    let output = boxline(&["calibrate", text(&data("board")), "-o", text(&file), "--report", text(&report)]);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    assert_eq!(stderr(&output), "", "progress is for terminals");
+    let said = stdout(&output);
+    for word in ["8 frames of 8", "fx  ", "laser 4", "side 1800", "next  ", "written", "report"] {
+        assert!(said.contains(word), "{word} is missing in\n{said}");
+    }
+    let page = std::fs::read_to_string(&report).unwrap();
+    assert!(page.trim_end().ends_with("</html>") && page.matches("<svg").count() >= 7);
+    assert!(!page.contains("http://") || page.matches("http://").all(|_| page.contains("www.w3.org")));
+
+    let (found, truth) = (read(&file), read(&data("calibration_set/calibration.json")));
+    for key in ["fx", "fy", "cx", "cy"] {
+        let off = found["camera"][key].as_f64().unwrap() - truth["camera"][key].as_f64().unwrap();
+        assert!(off.abs() < 0.5, "{key} is off by {off} px");
+    }
+    assert_eq!(found["covariance"].as_array().unwrap().len(), 18);
+    let provenance = &found["provenance"];
+    assert!(provenance["program"].as_str().unwrap().starts_with("boxline "));
+    assert_eq!(provenance["date"].as_str().unwrap().len(), "2026-01-01T00:00:00Z".len());
+    let inputs = provenance["inputs"].as_array().unwrap();
+    assert_eq!(inputs.len(), 10, "eight frames, the recording and the board");
+    // `sha256sum tests/data/board/board.json`
+    let board = inputs.iter().find(|i| i["file"] == "board.json").unwrap();
+    assert_eq!(board["sha256"], "b93f077a82ca5022e131b5e8c33e803882a8f319582e3ef12c2829b4810793f1");
+
+    // The calibration serves: one known side of a recorded box is in, a wrong length is out.
+    let verify = |length: &str| {
+        boxline(&["verify", text(&data("b03")), "--calibration", text(&file), "--length", length, "--json"])
+    };
+    let good = verify("800");
+    assert_eq!((good.status.code(), json_of(&good)["outcome"].as_str().unwrap()), (Some(0), "in"));
+    let bad = verify("815");
+    assert_eq!((bad.status.code(), json_of(&bad)["outcome"].as_str().unwrap()), (Some(3), "out"));
+    assert!(json_of(&bad)["calibration_sigma_mm"].as_f64().unwrap() > 0.0);
+}
+
+#[test]
+fn frames_without_a_board_are_named() {
+    let mut set = Set::new();
+    for name in ["b01", "b02", "b03", "b04", "b05", "b06"] {
+        set.add(name, &std::fs::read(data(&format!("{name}/a.jpg"))).unwrap());
+    }
+    let object = set.refused("too_few_frames");
+    assert_eq!(object["left_out"].as_array().unwrap().len(), 6);
+    assert!((0..6).all(|i| why(&object, i).contains("no board")), "{object}");
+}
+
+#[test]
+fn five_frames_are_too_few() {
+    let object = Set::of(5, |_, half| jpeg(half)).refused("too_few_frames");
+    assert_eq!(object["reject"]["text"], "5 frames show the board, 6 are needed");
+}
+
+/// A frame of which only the left and upper part, of these shares, is in view.
+fn hidden(half: &RgbImage, right: f64, bottom: f64) -> Vec<u8> {
+    let mut half = half.clone();
+    let (w, h) = (f64::from(half.width()), f64::from(half.height()));
+    for (x, y, p) in half.enumerate_pixels_mut() {
+        if f64::from(x) > right * w || f64::from(y) > bottom * h {
+            *p = Rgb([120, 118, 115]);
+        }
+    }
+    jpeg(&half)
+}
+
+#[test]
+fn a_board_half_hidden_in_every_frame_is_solved_with_a_warning() {
+    let output = Set::of(8, |_, half| hidden(half, 0.5, 1.0)).run();
+    let object = json_of(&output);
+    assert_eq!(output.status.code(), Some(0), "{object}");
+    assert!(fx_error(&object).abs() < 0.5, "{object}");
+    for corner in ["top right", "bottom right"] {
+        let told = |w: &Value| w.as_str().unwrap().contains(corner);
+        assert!(object["warnings"].as_array().unwrap().iter().any(told), "{object}");
+    }
+}
+
+#[test]
+fn a_board_mostly_hidden_in_every_frame_is_refused() {
+    let object = Set::of(8, |_, half| hidden(half, 0.33, 0.33)).refused("too_few_frames");
+    assert!(object["left_out"].as_array().unwrap().len() >= 3, "{object}");
+}
+
+#[test]
+fn blurred_frames_are_named() {
+    let object = Set::of(8, |_, half| jpeg(&fast_blur(half, 11.0))).refused("too_few_frames");
+    assert_eq!(object["left_out"].as_array().unwrap().len(), 8);
+    assert!((0..8).any(|i| why(&object, i).contains("blurred")), "{object}");
+}
+
+#[test]
+fn single_bad_frames_are_left_out_by_name() {
+    let object = Set::of(8, |i, half| match i {
+        0 => jpeg(&resize(half, half.width() / 2, half.height() / 2, FilterType::Triangle)),
+        1 => jpeg(half)[..20_000].to_vec(),
+        _ => jpeg(half),
+    })
+    .solved_without(&["c01", "c03"]);
+    assert!(why(&object, 0).contains("648 x 486 px, the others have 1296 x 972 px"), "{object}");
+    assert!(why(&object, 1).contains("c03.jpg"), "{object}");
+    assert!(fx_error(&object).abs() < 0.5, "{object}");
+}
+
+#[test]
+fn a_board_file_that_does_not_fit_is_refused() {
+    let set = Set::of(8, |_, half| jpeg(half));
+    set.board("pitch_mm", json!(110));
+    set.refused("other_ratio");
+    set.board("columns", json!(9));
+    set.refused("more_circles_than_board");
+    set.board("pitch_mm", json!(-1));
+    set.fails("invalid_file", "pitch_mm");
+}
+
+#[test]
+fn broken_commands_write_nothing() {
+    let mut set = Set::new();
+    set.fails("io", "recording.json");
+    set.add("c01", b"");
+    std::fs::remove_file(set.folder.path().join("board.json")).unwrap();
+    set.fails("io", "board.json");
+
+    // An output that is an input is refused before anything is read.
+    let set = Set::of(1, |_, half| jpeg(half));
+    let frame = set.folder.path().join("c01.jpg");
+    let before = std::fs::read(&frame).unwrap();
+    let output = boxline(&["calibrate", text(set.folder.path()), "-o", text(&frame)]);
+    assert_eq!((output.status.code(), stdout(&output).as_str()), (Some(2), ""));
+    assert!(stderr(&output).contains("would overwrite an input"), "{}", stderr(&output));
+    assert_eq!(std::fs::read(&frame).unwrap(), before);
+
+    // A folder that is not there is told at once, not after the work.
+    let nowhere = set.folder.path().join("nowhere/calibration.json");
+    let output = boxline(&["calibrate", text(set.folder.path()), "-o", text(&nowhere)]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(stderr(&output).contains("nowhere"), "{}", stderr(&output));
+}
+
+#[test]
+fn verify_says_what_it_cannot_check() {
+    let calibration = data("calibration_set/calibration.json");
+    let run = |length: &str| {
+        boxline(&["verify", text(&data("b02")), "--calibration", text(&calibration), "--length", length])
+    };
+    let good = run("550.6");
+    assert_eq!(good.status.code(), Some(0), "{}", stderr(&good));
+    assert!(
+        stdout(&good).starts_with("in: ") && stdout(&good).contains("no covariance"),
+        "{}",
+        stdout(&good)
+    );
+    assert_eq!(run("400").status.code(), Some(3));
+    for length in ["0", "-3", "nan", "long"] {
+        assert_eq!(run(length).status.code(), Some(2), "{length}");
+    }
+    let object = json_of(&boxline(&[
+        "verify",
+        "nowhere",
+        "--calibration",
+        text(&calibration),
+        "--length",
+        "5",
+        "--json",
+    ]));
+    assert_eq!(object["error"]["kind"], "io");
+}
+
+#[test]
+fn a_camera_goes_to_opencv_and_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = |name: &str| folder.path().join(name);
+    let calibration = data("calibration_set/calibration.json");
+    let (camera, back) = (place("camera.json"), place("back.json"));
+    let output = boxline(&["convert", text(&calibration), "--to", "opencv", "-o", text(&camera), "--json"]);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    assert!(json_of(&output)["max_px"].as_f64().unwrap() < 0.5);
+    let from = |camera: &Path| {
+        boxline(&[
+            "convert",
+            text(&calibration),
+            "--from",
+            "opencv",
+            "--camera",
+            text(camera),
+            "-o",
+            text(&back),
+            "--json",
+        ])
+    };
+    assert_eq!(from(&camera).status.code(), Some(0));
+    let (there, again) = (read(&calibration), read(&back));
+    assert_eq!(there["serial"], again["serial"]);
+    let fx = |value: &Value| value["camera"]["fx"].as_f64().unwrap();
+    assert!((fx(&there) - fx(&again)).abs() < 1.0);
+    std::fs::remove_file(&back).unwrap();
+
+    // What cannot be converted is named, and nothing is written.
+    let good = read(&camera);
+    let broken = |change: &dyn Fn(&mut Value), word: &str| {
+        let mut value = good.clone();
+        change(&mut value);
+        let file = place("broken.json");
+        std::fs::write(&file, value.to_string()).unwrap();
+        let output = from(&file);
+        assert_eq!(output.status.code(), Some(2), "{}", stdout(&output));
+        assert_eq!(json_of(&output)["error"]["kind"], "invalid_file", "{}", stderr(&output));
+        assert!(
+            stderr(&output).contains("broken.json") && stderr(&output).contains(word),
+            "{}",
+            stderr(&output)
+        );
+        assert!(!back.exists());
+    };
+    broken(&|v| v["camera_matrix"]["data"][1] = json!(3.0), "skew");
+    broken(&|v| v["image_width"] = json!(640), "image_width is 640");
+    broken(&|v| v["distortion_coefficients"]["data"] = json!(vec![0.1; 8]), "8 numbers");
+    broken(&|v| v["camera_matrix"] = json!(null), "camera_matrix");
+    broken(&|v| v["camera_matrix"]["data"][0] = json!(-5.0), "focal");
+    let mut skewed = there.clone();
+    skewed["camera"]["skew"] = json!(2.5);
+    let file = place("skewed.json");
+    std::fs::write(&file, skewed.to_string()).unwrap();
+    let output = boxline(&["convert", text(&file), "--to", "opencv", "-o", text(&back), "--json"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(stderr(&output).contains("skew"), "{}", stderr(&output));
+    assert!(!back.exists());
+}
