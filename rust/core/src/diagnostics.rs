@@ -4,6 +4,7 @@ use crate::calibration::Calibration;
 use crate::frames::{Cam, Plane};
 use crate::image::Frame;
 pub use crate::stripe::peak::Estimator;
+use crate::stripe::tint::Tint;
 use crate::stripe::trace::{StripeLine, TraceSettings, Walk, measure_half_width_px, trace};
 use crate::units::{LaserId, Px};
 
@@ -34,12 +35,14 @@ pub fn stripe_residuals(
     let [p, q] = endpoints_px;
     let (first, last) = if along(p) <= along(q) { (p, q) } else { (q, p) };
     let range = along(first)..along(last);
-    let half_width_px = measure_half_width_px(frame, calibration, &[(line, range.clone(), first)]);
+    let half_width_px =
+        measure_half_width_px(frame, calibration, &[(line, range.clone(), first)], &[Tint::REDNESS]);
     let settings = TraceSettings {
         rows,
         search_px: SEARCH_PX,
         min_signal_to_noise: MIN_SIGNAL_TO_NOISE,
         half_width_px: half_width_px.unwrap_or(HALF_WIDTH_PX),
+        tint: Tint::REDNESS,
         estimator,
     };
     trace(frame, calibration, &line, range, first, &settings)

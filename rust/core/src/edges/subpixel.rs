@@ -15,9 +15,14 @@ const REACH_PX: usize = 10;
 /// Samples per px in a profile.
 const PER_PX: usize = 2;
 const N: usize = 2 * REACH_PX * PER_PX + 1;
-/// Distance of neighbouring profiles along the side, px, and how many make one edge point: noise falls, corners stay out.
+/// Distance of neighbouring profiles along the side, px, and how many of them make one edge point: noise falls, corners
+/// stay out.
 const SPACING_PX: f64 = 2.0;
 const GROUP: usize = 4;
+/// Over how many neighbouring groups a point's profile is averaged; the first number that shows the edge on a third of the
+/// side is taken. Faint edges need more, and their windows overlap.
+const WINDOWS: [usize; 3] = [1, 3, 9];
+const ENOUGH_SHARE: f64 = 0.33;
 /// Part of the side at each corner where the other side's blur and rounding disturb.
 const CORNER_SHARE: f64 = 0.025;
 /// An edge point lies within this distance of the straight line that most points share, px.
@@ -59,8 +64,18 @@ impl EdgeDetector for GradientDetector {
         keep_out: &[(Px, f64)],
     ) -> [Vec<EdgePoint>; 4] {
         [0, 1, 2, 3].map(|side| {
+            let mut best = Vec::new();
             let profiles = profiles(frame, calibration, rough, side, keep_out);
-            points_on_line(&profiles)
+            for window in WINDOWS {
+                let points = points_on_line(&averaged(&profiles, window), window);
+                if points.len() > best.len() {
+                    best = points;
+                }
+                if best.len() as f64 >= ENOUGH_SHARE * profiles.len() as f64 {
+                    break;
+                }
+            }
+            best
         })
     }
 }
@@ -120,6 +135,22 @@ fn profiles(
     result
 }
 
+/// Each profile averaged with its neighbours along the side; all follow the same predicted line.
+fn averaged(profiles: &[Profile], window: usize) -> Vec<Profile> {
+    let mean = |i: usize| {
+        let (lo, hi) = (i.saturating_sub(window / 2), (i + window / 2 + 1).min(profiles.len()));
+        let mut tone = [[0f32; 2]; N];
+        for p in &profiles[lo..hi] {
+            for (sum, t) in tone.iter_mut().zip(&p.tone) {
+                sum[0] += t[0] / (hi - lo) as f32;
+                sum[1] += t[1] / (hi - lo) as f32;
+            }
+        }
+        tone
+    };
+    profiles.iter().enumerate().map(|(i, p)| Profile { tone: mean(i), ..*p }).collect()
+}
+
 /// Difference of neighbours one px to each side.
 fn gradient(value: &[f32; N]) -> [f32; N] {
     let mut g = [0f32; N];
@@ -154,15 +185,20 @@ enum Kind {
     DarkLine,
 }
 
-fn points_on_line(profiles: &[Profile]) -> Vec<EdgePoint> {
+fn points_on_line(profiles: &[Profile], window: usize) -> Vec<EdgePoint> {
     if profiles.len() < 6 {
         return Vec::new();
     }
     let gradients = [0, 1].map(|c| profiles.iter().map(|p| gradient(&p.channel(c))).collect::<Vec<_>>());
-    // Noise of a gradient sample: the median over all profiles; edges are few.
+    // Noise of a gradient sample: what changes from one profile to the next that shares no light with it. The edge
+    // itself, however blurred, is in both.
     let noises = gradients.each_ref().map(|g| {
-        let mut all: Vec<f32> =
-            g.iter().flat_map(|g| g[PER_PX..N - PER_PX].iter().map(|x| x.abs())).collect();
+        let pairs = g.iter().zip(g.iter().skip(window));
+        let mut all: Vec<f32> = pairs
+            .flat_map(|(p, q)| {
+                (PER_PX..N - PER_PX).map(|i| (p[i] - q[i]).abs() * std::f32::consts::FRAC_1_SQRT_2)
+            })
+            .collect();
         noise_of(&mut all, 0.3)
     });
     let strength = |profile: usize, index: usize| {
@@ -192,6 +228,7 @@ fn points_on_line(profiles: &[Profile]) -> Vec<EdgePoint> {
     let (kind, shift) = edge_kind(profiles, &line);
     let mut points = Vec::with_capacity(profiles.len());
     let near = NEAR_LINE_PX * PER_PX as f64;
+    let (min_step, correlation) = (MIN_STEP / (window as f32).sqrt(), (window as f64).sqrt());
     for p in profiles {
         let expected = line(p) + shift;
         // The mixture of both channels in which this edge stands out most against their noise.
@@ -221,11 +258,12 @@ fn points_on_line(profiles: &[Profile]) -> Vec<EdgePoint> {
             Kind::Step => c,
             Kind::DarkLine => 0.5 * (value[top.saturating_sub(6)] + value[(top + 6).min(N - 1)]) - value[top],
         };
-        if height < MIN_STEP.max(MIN_STEP_SIGMAS * noise) {
+        if height < min_step.max(MIN_STEP_SIGMAS * noise) {
             continue;
         }
         let index = top as f64 + f64::from(0.5 * (l - r) / curvature);
-        points.push(EdgePoint { at: p.at(index), sigma_px: 0.5 * f64::from(noise / height).max(0.2) });
+        let sigma_px = 0.5 * f64::from(noise / height).max(0.2) * correlation;
+        points.push(EdgePoint { at: p.at(index), sigma_px });
     }
     points
 }

@@ -5,6 +5,7 @@ use crate::calibration::Calibration;
 use crate::frames::{Cam, Plane, Ray};
 use crate::image::Frame;
 use crate::stripe::peak::Estimator;
+use crate::stripe::tint::{Tint, measure_tints};
 use crate::stripe::trace::{StripeLine, StripePoint, TraceSettings, Walk, measure_half_width_px, trace};
 use crate::units::{LaserId, Px};
 
@@ -41,15 +42,15 @@ pub(crate) struct FaceStripes {
     pub stripes: [FaceStripe; 4],
     /// Half the width of the stripes at their foot, px.
     pub half_width_px: f64,
-    /// The usual height of a stripe's peak, grey levels of redness.
-    usual: f64,
+    /// The usual height of each stripe's peak, grey levels in its tint.
+    usual: [f64; 4],
 }
 
 impl FaceStripes {
     /// The centres of one stripe on the plane, without those that red print gave.
     pub fn centres(&self, id: LaserId) -> impl Iterator<Item = StripeObservation> + '_ {
         let stripe = &self.stripes[id.index()];
-        centres(id, &stripe.points[stripe.on_plane.clone()], self.usual)
+        centres(id, &stripe.points[stripe.on_plane.clone()], self.usual[id.index()])
     }
 }
 
@@ -119,7 +120,8 @@ pub(crate) struct InnerSegments {
     pub plane: Plane<Cam>,
     half_width_px: f64,
     rows: [usize; 4],
-    usual: f64,
+    tints: [Tint; 4],
+    usual: [f64; 4],
 }
 
 /// Refines the plane of a hypothesis on the inner segments alone: whatever lies around the face cannot mislead them.
@@ -129,15 +131,21 @@ pub(crate) fn inner_segments(
     calibration: &Calibration,
     start: &Plane<Cam>,
 ) -> Option<InnerSegments> {
-    let mut inner =
-        InnerSegments { plane: *start, half_width_px: FIRST_HALF_WIDTH_PX, rows: [16; 4], usual: 0.0 };
+    let mut inner = InnerSegments {
+        plane: *start,
+        half_width_px: FIRST_HALF_WIDTH_PX,
+        rows: [16; 4],
+        tints: [Tint::REDNESS; 4],
+        usual: [0.0; 4],
+    };
     for search_px in [10.0, 6.0, 4.0] {
         let mut pieces = Vec::with_capacity(4);
         for id in LaserId::ALL {
             pieces.push(inner_segment(calibration, &inner.plane, id)?);
         }
+        inner.tints = measure_tints(frame, calibration, &pieces).try_into().ok()?;
         inner.half_width_px =
-            measure_half_width_px(frame, calibration, &pieces).unwrap_or(inner.half_width_px);
+            measure_half_width_px(frame, calibration, &pieces, &inner.tints).unwrap_or(inner.half_width_px);
         let mut traces = Vec::with_capacity(4);
         for (id, (line, range, from)) in LaserId::ALL.into_iter().zip(pieces) {
             let settings = inner.settings(id, search_px);
@@ -145,10 +153,10 @@ pub(crate) fn inner_segments(
             inner.rows[id.index()] = rows_for(&points, settings.rows);
             traces.push(points);
         }
-        inner.usual = usual_amplitude(&traces)?;
+        inner.usual = usual_amplitudes(&traces)?;
         let mut observations = Vec::new();
         for (id, points) in LaserId::ALL.into_iter().zip(&traces) {
-            observations.extend(centres(id, points, inner.usual));
+            observations.extend(centres(id, points, inner.usual[id.index()]));
         }
         inner.plane = fit_without_a_liar(calibration, &observations, &inner.plane)?;
     }
@@ -162,6 +170,7 @@ impl InnerSegments {
             search_px,
             min_signal_to_noise: 3.0,
             half_width_px: self.half_width_px,
+            tint: self.tints[id.index()],
             estimator: Estimator::CentreOfGravity,
         }
     }
@@ -186,7 +195,11 @@ pub(crate) fn follow_stripes(
         for id in LaserId::ALL {
             let limits = limits.map(|l| l[id.index()]);
             let stripe = follow(frame, calibration, &plane, id, inner, pass, limits)?;
-            observations.extend(centres(id, &stripe.points[stripe.on_plane.clone()], inner.usual));
+            observations.extend(centres(
+                id,
+                &stripe.points[stripe.on_plane.clone()],
+                inner.usual[id.index()],
+            ));
             stripes.push(stripe);
         }
         let fit = fit_plane(calibration, &observations, &plane)?;
@@ -224,14 +237,20 @@ fn fit_without_a_liar(
     Some(best.1)
 }
 
-/// The median height of all peaks of all stripes: one stripe may follow the edge of red print, four do not.
-fn usual_amplitude(traces: &[Vec<StripePoint>]) -> Option<f64> {
-    let mut all: Vec<f64> = traces.iter().flatten().filter_map(|p| p.found).map(|f| f.amplitude).collect();
-    if all.is_empty() {
-        return None;
+/// The median height of each stripe's peaks; of all peaks where a stripe has none. `None` if none has any.
+fn usual_amplitudes(traces: &[Vec<StripePoint>]) -> Option<[f64; 4]> {
+    let median = |traces: &[Vec<StripePoint>]| {
+        let mut all: Vec<f64> =
+            traces.iter().flatten().filter_map(|p| p.found).map(|f| f.amplitude).collect();
+        let middle = all.len() / 2;
+        (!all.is_empty()).then(|| *all.select_nth_unstable_by(middle, f64::total_cmp).1)
+    };
+    let all = median(traces)?;
+    let mut each = [all; 4];
+    for (own, trace) in each.iter_mut().zip(traces.chunks(1)) {
+        *own = median(trace).unwrap_or(all);
     }
-    let middle = all.len() / 2;
-    Some(*all.select_nth_unstable_by(middle, f64::total_cmp).1)
+    Some(each)
 }
 
 fn centres(
@@ -285,7 +304,7 @@ fn follow(
     limits: Option<[Px; 2]>,
 ) -> Option<FaceStripe> {
     let settings = &known.settings(id, pass.search_px);
-    let usual = known.usual;
+    let usual = known.usual[id.index()];
     let (line, inner, first) = inner_segment(calibration, plane, id)?;
     let size = match line.walk {
         Walk::Rows => frame.height_px(),

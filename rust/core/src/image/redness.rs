@@ -3,13 +3,6 @@
 
 use super::Frame;
 
-/// Redness in grey levels at one pixel; the caller stays inside the frame.
-#[inline]
-pub(crate) fn redness_at(rgb: &[u8], index: usize) -> f32 {
-    let p = index * 3;
-    f32::from(rgb[p]) - 0.5 * (f32::from(rgb[p + 1]) + f32::from(rgb[p + 2]))
-}
-
 /// Direction of a stripe pair in the image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Diagonal {

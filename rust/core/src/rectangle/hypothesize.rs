@@ -348,6 +348,25 @@ fn side_candidates(
             sides.push(Side { offset_mm: middle, at_end: true, needed: SUPPORT_AT_ENDS, nearness: 0.0 });
         }
     }
+    if sides.is_empty() {
+        // The ends disagree: one stripe runs on by chance (or on a flush neighbour), the other may have left the face. A clear
+        // edge where one of them ends is the face's as well.
+        for (end, offset) in pair.iter().zip(offsets).filter(|(e, _)| !e.runs_on) {
+            let (middle, reach) = (sign * offset, (END_TOLERANCE_PX + end.uncertainty_px) * px);
+            let beside =
+                |e: &&EdgeCandidate| (e.offset_mm - middle).abs() <= reach && e.strength >= CLEAR_SUPPORT;
+            let near =
+                |e: &EdgeCandidate| e.strength / (1.0 + ((e.offset_mm - middle) / reach).powi(2) as f32);
+            if let Some(e) = edges.iter().filter(beside).max_by(|x, y| near(x).total_cmp(&near(y))) {
+                sides.push(Side {
+                    offset_mm: e.offset_mm,
+                    at_end: true,
+                    needed: CLEAR_SUPPORT,
+                    nearness: near(e),
+                });
+            }
+        }
+    }
     let at_ends = sides.clone();
     for e in edges.iter().filter(|e| e.strength >= SUPPORT_ALONE) {
         let apart = at_ends.iter().all(|s| (e.offset_mm - s.offset_mm).abs() > END_TOLERANCE_PX * px);

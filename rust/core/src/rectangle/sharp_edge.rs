@@ -13,6 +13,7 @@ use crate::face::outline::{Across, SIDES, span_mm};
 use crate::frames::Plane;
 use crate::image::Frame;
 use crate::stripe::peak::Estimator;
+use crate::stripe::tint::Tint;
 use crate::stripe::trace::{StripeLine, TraceSettings, Walk, trace};
 use crate::units::{LaserId, Px};
 use nalgebra::{Matrix2, Vector2, Vector3};
@@ -189,6 +190,7 @@ fn collect(
         search_px: 8.0,
         min_signal_to_noise: 4.0,
         half_width_px: face.half_width_px,
+        tint: Tint::REDNESS,
         estimator: Estimator::CentreOfGravity,
     };
     let inside = normal(fit);

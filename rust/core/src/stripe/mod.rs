@@ -1,6 +1,7 @@
 //! Stripes: where the four lasers light a common plane ([`grid_search`]), sub-pixel centres along them ([`trace`],
-//! [`peak`]).
+//! [`peak`]) in the colours that show them best ([`tint`]).
 
 pub(crate) mod grid_search;
 pub mod peak;
+pub(crate) mod tint;
 pub(crate) mod trace;

@@ -6,9 +6,10 @@
 //! profile; faint light takes more of them.
 
 use super::peak::{Estimator, find_peak};
+use super::tint::Tint;
 use crate::calibration::Calibration;
 use crate::frames::{Cam, Plane};
-use crate::image::{Frame, redness::redness_at};
+use crate::image::Frame;
 use crate::units::{LaserId, Px};
 use nalgebra::Vector3;
 
@@ -49,6 +50,8 @@ pub(crate) struct TraceSettings {
     pub min_signal_to_noise: f64,
     /// Half the width of the stripe at its foot across it, px. Less cuts the stripe, more takes in what lies beside it.
     pub half_width_px: f64,
+    /// In which mixture of colours.
+    pub tint: Tint,
     /// How the centre is found.
     pub estimator: Estimator,
 }
@@ -181,7 +184,7 @@ pub(crate) fn trace(
             }
             let from = base as usize - half;
             for (k, p) in profile.iter_mut().enumerate() {
-                *p += redness_at(rgb, r * along_stride + (from + k) * across_stride);
+                *p += settings.tint.at(rgb, r * along_stride + (from + k) * across_stride);
             }
             rest += other - base;
             count += 1;
@@ -237,16 +240,17 @@ const HALF_WIDTHS_PX: (f64, f64) = (4.0, 18.0);
 /// for a saturated stripe, where a wider window costs little.
 const FOOT_PER_HALF_HEIGHT: f64 = 1.9;
 
-/// Half the width of the stripes at their foot, px across, from the mean profile along all given pieces.
+/// Half the width of the stripes at their foot, px across, from the mean profile along all given pieces, each in its tint.
 pub(crate) fn measure_half_width_px(
     frame: &Frame,
     calibration: &Calibration,
     pieces: &[(StripeLine, std::ops::Range<f64>, Px)],
+    tints: &[Tint],
 ) -> Option<f64> {
     const N: usize = 2 * PROFILE_PX + 1;
     let mut sum = [0f64; N];
     let mut count = 0.0;
-    for (line, range, start) in pieces {
+    for ((line, range, start), tint) in pieces.iter().zip(tints) {
         let (along_stride, across_stride, along_size, across_size) = match line.walk {
             Walk::Rows => (frame.width_px(), 1, frame.height_px(), frame.width_px()),
             Walk::Columns => (1, frame.width_px(), frame.width_px(), frame.height_px()),
@@ -267,7 +271,7 @@ pub(crate) fn measure_half_width_px(
                 for (k, s) in sum.iter_mut().enumerate() {
                     let offset = (k as f64 - PROFILE_PX as f64) / factor.max(0.3);
                     let at = (other + offset).round() as usize;
-                    *s += f64::from(redness_at(frame.rgb(), row * along_stride + at * across_stride));
+                    *s += f64::from(tint.at(frame.rgb(), row * along_stride + at * across_stride));
                 }
                 count += 1.0;
             }
@@ -347,6 +351,7 @@ mod tests {
             search_px: 5.0,
             min_signal_to_noise: 3.0,
             half_width_px: 3.0 * width_px,
+            tint: Tint::REDNESS,
             estimator,
         }
     }
@@ -418,7 +423,8 @@ mod tests {
             let pieces = LaserId::ALL.map(|id| whole(&calibration, &plane, id));
             for (id, piece) in LaserId::ALL.into_iter().zip(pieces) {
                 let frame = stripe_frame(&calibration, &plane, id, width_px, 0..0);
-                let half = measure_half_width_px(&frame, &calibration, &[piece]).expect("a stripe");
+                let half = measure_half_width_px(&frame, &calibration, &[piece], &[Tint::REDNESS])
+                    .expect("a stripe");
                 // The foot of a bell, where it has fallen to 5 to 20 %: 1.8 to 2.5 widths from its middle.
                 assert!(
                     (1.7 * width_px..3.0 * width_px).contains(&half),
@@ -438,7 +444,10 @@ mod tests {
             let settings = settings(4, 2.5, Estimator::CentreOfGravity);
             let points = trace(&frame, &calibration, &line, range.clone(), start, &settings);
             assert!(points.iter().all(|p| p.found.is_none()));
-            assert_eq!(measure_half_width_px(&frame, &calibration, &[(line, range, start)]), None);
+            assert_eq!(
+                measure_half_width_px(&frame, &calibration, &[(line, range, start)], &[Tint::REDNESS]),
+                None
+            );
         }
     }
 }

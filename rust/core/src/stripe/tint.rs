@@ -1,0 +1,197 @@
+//! In which mixture of red, green and blue a stripe stands out best. Redness R - (G + B) / 2 does on brown cardboard; where a
+//! white box or strong light drives red to its limit, green and blue carry the stripe, and on coloured ones something
+//! between. Fisher's discriminant finds it: the step that the stripe makes, divided by the covariance of what lies beside.
+
+use super::trace::{StripeLine, Walk};
+use crate::calibration::Calibration;
+use crate::image::Frame;
+use crate::units::Px;
+use nalgebra::{Matrix3, Vector3};
+
+/// Weights of red, green and blue.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Tint([f32; 3]);
+
+impl Tint {
+    /// `R - (G + B) / 2`.
+    pub const REDNESS: Self = Self([1.0, -0.5, -0.5]);
+
+    /// The mixture at a pixel, grey levels; the caller stays inside the frame.
+    #[inline]
+    pub fn at(self, rgb: &[u8], index: usize) -> f32 {
+        let p = &rgb[index * 3..index * 3 + 3];
+        self.0[0] * f32::from(p[0]) + self.0[1] * f32::from(p[1]) + self.0[2] * f32::from(p[2])
+    }
+
+    /// Weights along a direction, as long as those of redness, so that noise keeps its size.
+    fn along(direction: Vector3<f64>) -> Option<Self> {
+        let w = direction.try_normalize(1e-9)? * 1.5f64.sqrt();
+        w.iter().all(|x| x.is_finite()).then(|| Self([w.x as f32, w.y as f32, w.z as f32]))
+    }
+}
+
+/// The stripe's middle and what lies beside it, px across: a stripe is 8 to 20 px wide at its foot, its place is known to
+/// 4 px here.
+const MIDDLE_PX: std::ops::RangeInclusive<i32> = -3..=3;
+const BESIDE_PX: std::ops::RangeInclusive<i32> = 18..=24;
+/// Noise of the mean of such a range that is always there, grey levels: JPEG's steps.
+const FLOOR: f64 = 1.0;
+/// What red laser light does to a camera if the picture tells nothing: mostly red, some of it seen by green and blue.
+const LASER: Vector3<f64> = Vector3::new(1.0, 0.15, 0.1);
+/// Rows that count as enough to believe the picture.
+const FEWEST: usize = 24;
+
+/// Share of the rows, those with the least difference between both sides, that tell the noise: a letter that is crossed is
+/// none, but fine print and texture are.
+const QUIET_SHARE: f64 = 0.85;
+/// A piece on which the stripe is less than this share as high as usual lies on print for the most part.
+const LEAST_STEP: f64 = 0.35;
+
+/// The tints of the pieces of stripes, each given as a line, a range along it and a pixel to start at.
+pub(crate) fn measure_tints(
+    frame: &Frame,
+    calibration: &Calibration,
+    pieces: &[(StripeLine, std::ops::Range<f64>, Px)],
+) -> Vec<Tint> {
+    let seen: Vec<Crossings> = pieces.iter().map(|piece| crossings(frame, calibration, piece)).collect();
+    let all: Vec<Vector3<f64>> = seen.iter().flat_map(|s| s.steps.iter().copied()).collect();
+    let usual = median_step(&all);
+    seen.iter()
+        .map(|s| {
+            if s.steps.len() < FEWEST {
+                return Tint::REDNESS;
+            }
+            let own = median_step(&s.steps);
+            let step = if own.dot(&usual) < LEAST_STEP * usual.norm_squared() { usual } else { own };
+            let noise = quiet_covariance(&s.differences) + Matrix3::identity() * (FLOOR * FLOOR);
+            noise
+                .try_inverse()
+                .and_then(|inverse| Tint::along(inverse * (step + LASER)))
+                .unwrap_or(Tint::REDNESS)
+        })
+        .collect()
+}
+
+/// What the rows across a piece show.
+struct Crossings {
+    /// Middle less the mean of both sides.
+    steps: Vec<Vector3<f64>>,
+    /// One side less the other.
+    differences: Vec<Vector3<f64>>,
+}
+
+/// The median of each colour; light only adds.
+fn median_step(steps: &[Vector3<f64>]) -> Vector3<f64> {
+    if steps.is_empty() {
+        return Vector3::zeros();
+    }
+    Vector3::from_fn(|c, _| {
+        let mut values: Vec<f64> = steps.iter().map(|s| s[c]).collect();
+        let middle = values.len() / 2;
+        values.select_nth_unstable_by(middle, f64::total_cmp).1.max(0.0)
+    })
+}
+
+fn quiet_covariance(differences: &[Vector3<f64>]) -> Matrix3<f64> {
+    let mut order: Vec<&Vector3<f64>> = differences.iter().collect();
+    order.sort_by(|a, b| a.norm_squared().total_cmp(&b.norm_squared()));
+    let count = ((order.len() as f64 * QUIET_SHARE) as usize).max(1);
+    let sum = order.iter().take(count).fold(Matrix3::zeros(), |sum, d| sum + *d * d.transpose());
+    sum / count as f64
+}
+
+fn crossings(
+    frame: &Frame,
+    calibration: &Calibration,
+    (line, range, start): &(StripeLine, std::ops::Range<f64>, Px),
+) -> Crossings {
+    let (along_stride, across_stride, along_size, across_size) = match line.walk {
+        Walk::Rows => (frame.width_px(), 1, frame.height_px(), frame.width_px()),
+        Walk::Columns => (1, frame.width_px(), frame.width_px(), frame.height_px()),
+    };
+    let mut other = line.walk.across(*start);
+    let mut row = range.start.max(0.0).ceil() as usize;
+    let mut seen = Crossings { steps: Vec::new(), differences: Vec::new() };
+    while (row as f64) < range.end.min(along_size as f64) {
+        let Some((px, factor)) = line.px_at(calibration, row as f64, other) else { break };
+        other = line.walk.across(px);
+        let mean = |offsets: std::ops::RangeInclusive<i32>| -> Option<Vector3<f64>> {
+            let mut sum = Vector3::zeros();
+            let count = offsets.clone().count() as f64;
+            for offset in offsets {
+                let at = (other + f64::from(offset) / factor.max(0.3)).round();
+                if !(at >= 0.0 && at < across_size as f64) {
+                    return None;
+                }
+                let index = (row * along_stride + at as usize * across_stride) * 3;
+                let p = frame.rgb().get(index..index + 3)?;
+                sum += Vector3::new(f64::from(p[0]), f64::from(p[1]), f64::from(p[2]));
+            }
+            Some(sum / count)
+        };
+        let left = -*BESIDE_PX.end()..=-*BESIDE_PX.start();
+        if let (Some(l), Some(m), Some(r)) = (mean(left), mean(MIDDLE_PX), mean(BESIDE_PX)) {
+            seen.steps.push(m - (l + r) * 0.5);
+            seen.differences.push(l - r);
+        }
+        row += 2;
+    }
+    seen
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::CameraModel;
+    use crate::frames::Plane;
+    use crate::units::LaserId;
+
+    /// A frame whose background has one colour and some noise, with a stripe that adds `light`, cut off at 255.
+    fn tint_on(background: [f64; 3], light: [f64; 3], common_noise: f64) -> Tint {
+        let camera = CameraModel { fx: 600.0, fy: 600.0, skew: 0.0, cx: 320.0, cy: 240.0, k1: 0.0, k2: 0.0 };
+        let lasers = [
+            [0.0079291, -0.00817394, 0.00018065, -1.0],
+            [0.01078476, -0.01121147, 0.00223845, -1.0],
+            [0.01037354, 0.00959161, 0.00170705, -1.0],
+            [0.00799885, 0.00730513, -0.00038506, -1.0],
+        ];
+        let calibration = Calibration::new("test", [640, 480], camera, lasers).expect("a valid head");
+        let plane = Plane::new(Vector3::new(0.0, 0.0, 1e-3));
+        let line = StripeLine::new(&calibration, LaserId::ALL[2], &plane);
+        assert_eq!(line.walk, Walk::Rows);
+        let mut state = 1u32;
+        let mut noise = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            f64::from(state >> 16) / 65536.0 - 0.5
+        };
+        let mut rgb = Vec::new();
+        for y in 0..480 {
+            let middle = line.px_at(&calibration, f64::from(y), 320.0).expect("on the line").0.u;
+            for x in 0..640 {
+                let bell = (-0.5 * ((f64::from(x) - middle) / 3.0).powi(2)).exp();
+                let common = common_noise * noise();
+                for c in 0..3 {
+                    let value = background[c] + light[c] * bell + common + 2.0 * noise();
+                    rgb.push(value.clamp(0.0, 255.0).round() as u8);
+                }
+            }
+        }
+        let frame = Frame::from_rgb(640, 480, rgb).expect("the size fits");
+        let start = line.px_at(&calibration, 60.0, 320.0).expect("on the line").0;
+        measure_tints(&frame, &calibration, &[(line, 60.0..420.0, start)])[0]
+    }
+
+    #[test]
+    fn on_brown_cardboard_with_grey_texture_it_is_nearly_redness() {
+        let Tint([r, g, b]) = tint_on([150.0, 110.0, 80.0], [60.0, 8.0, 5.0], 40.0);
+        assert!(r > 0.8 && g < -0.2 && b < -0.2, "{r} {g} {b}");
+    }
+
+    #[test]
+    fn where_red_is_at_its_limit_green_and_blue_carry_the_stripe() {
+        let Tint([r, g, b]) = tint_on([254.0, 225.0, 215.0], [80.0, 25.0, 15.0], 0.0);
+        assert!(g + b > 0.5, "{r} {g} {b}");
+        let seen = 25.0 * g + 15.0 * b + r;
+        assert!(seen > 25.0, "the stripe is {seen} grey levels high");
+    }
+}
