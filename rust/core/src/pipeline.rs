@@ -153,7 +153,7 @@ fn measure_on_plane(
     let face = follow_stripes(frame, calibration, &inner, limits.as_ref());
     clock.lap("stripes");
     let face = face.ok_or_else(|| no_box(0.0))?;
-    check_stripes(&face)?;
+    check_stripes(&face, limits.is_some())?;
     let roughs = match &outline {
         Some(outline) => snap_to_image(frame, calibration, &face, outline).map(|rough| vec![rough]),
         None => hypothesize(frame, calibration, &face, which),
@@ -199,9 +199,13 @@ fn seen_outline(
 }
 
 /// Every stripe must be seen on the plane, and the centres must scatter as they should.
-fn check_stripes(face: &FaceStripes) -> Result<(), Reject> {
-    let seen =
-        face.stripes.each_ref().map(|s| s.seen_share.min(s.inner_share / MIN_INNER_SHARE * MIN_SEEN_SHARE));
+///
+/// Where the sides are known already, all of the stripe counts, not only what lies between its ends.
+fn check_stripes(face: &FaceStripes, sides_known: bool) -> Result<(), Reject> {
+    let seen = face.stripes.each_ref().map(|s| {
+        let seen = if sides_known { s.whole_share } else { s.seen_share };
+        seen.min(s.inner_share / MIN_INNER_SHARE * MIN_SEEN_SHARE)
+    });
     let least = seen.iter().copied().fold(f64::INFINITY, f64::min);
     let planar = face.fit.scale <= MAX_SCALE;
     let mut unseen = LaserId::ALL.into_iter().filter(|id| seen[id.index()] < MIN_SEEN_SHARE);

@@ -33,6 +33,8 @@ pub(crate) struct FaceStripe {
     pub inner_share: f64,
     /// Share of the places between the two ends that were seen on the plane, 0 to 1.
     pub seen_share: f64,
+    /// Share of all places that were looked at and seen on the plane, 0 to 1.
+    pub whole_share: f64,
 }
 
 /// The face's plane and the four stripes on it.
@@ -353,6 +355,7 @@ fn follow(
     let begin = lo - reach(&mut (0..lo).rev());
     let seen_all = points[begin..end].iter().filter(|p| score(p) > 0.0).count();
     let seen_share = seen_all as f64 / (end - begin).max(1) as f64;
+    let whole_share = points.iter().filter(|p| score(p) > 0.0).count() as f64 / points.len() as f64;
     // Where a share p of the places is seen, the last one seen lies up to ln(0.05) / ln(1 - p) places before the end
     // (95 %).
     let unseen = (1.0 - seen_share).clamp(0.01, 0.9);
@@ -370,5 +373,5 @@ fn follow(
         StripeEnd { at: px, uncertainty_px: spacing, runs_on }
     };
     let ends = [place(begin, begin.checked_sub(1)), place(end - 1, (end < points.len()).then_some(end))];
-    Some(FaceStripe { ends, points, on_plane: begin..end, inner_share, seen_share })
+    Some(FaceStripe { ends, points, on_plane: begin..end, inner_share, seen_share, whole_share })
 }

@@ -125,9 +125,10 @@ pub(crate) fn snap_to_image(
         }
         let (middle, spread) = (middle / weight, 1.5 * weight.sqrt().recip());
         let sign = if high { 1.0 } else { -1.0 };
-        flush[side] = pair
-            .iter()
-            .all(|e| e.runs_on || sign * (across.offset(e.at) - offset) > 0.7 * LIMIT_BEYOND_PX * px);
+        let outwards = pair.map(|e| sign * (across.offset(e.at) - offset));
+        flush[side] =
+            pair.iter().zip(outwards).all(|(e, o)| e.runs_on || o > RUNS_BEYOND * LIMIT_BEYOND_PX * px);
+        let needed = if flush[side] { SUPPORT_FLUSH } else { LEAST_BESIDE_MAP };
         let scan = SideScan::new(
             frame,
             calibration,
@@ -151,12 +152,7 @@ pub(crate) fn snap_to_image(
         sides.push(
             edges
                 .iter()
-                .map(|e| Side {
-                    offset_mm: e.offset_mm,
-                    at_end: true,
-                    needed: LEAST_BESIDE_MAP,
-                    nearness: near(e),
-                })
+                .map(|e| Side { offset_mm: e.offset_mm, at_end: true, needed, nearness: near(e) })
                 .collect::<Vec<_>>(),
         );
     }
@@ -192,7 +188,12 @@ pub(crate) fn limits(calibration: &Calibration, outline: &MapOutline) -> Option<
 
 /// How far beyond the sides in the maps the stripes are followed, px: enough to see whether they leave the plane there.
 pub(crate) const LIMIT_BEYOND_PX: f64 = 40.0;
-/// Share of a side on which the image shows an edge where the network has one already.
+/// A stripe that goes on for this share of that did not leave the plane.
+const RUNS_BEYOND: f64 = 0.7;
+/// Share of a side on which the image must show an edge where the stripes run on beyond it: a flush neighbour's seam is seen
+/// along the whole side.
+const SUPPORT_FLUSH: f32 = 0.5;
+/// ... and where they do not and the network has an edge.
 const LEAST_BESIDE_MAP: f32 = 0.2;
 
 struct Scale {
