@@ -71,7 +71,8 @@ pub(crate) fn hypothesize(
     }
     let found = sides.iter().filter(|s| !s.is_empty()).count();
     if found < 4 {
-        let any_border = ends.iter().zip(&sides).any(|(e, s)| s.is_empty() && e.iter().any(|x| x.runs_on));
+        let any_border =
+            ends.iter().zip(&sides).any(|(e, s)| s.is_empty() && e.iter().any(|x| leaves_image(x, frame)));
         return Err(if any_border {
             cut_or_open(&ends, frame)
         } else {
@@ -328,7 +329,20 @@ fn side_candidates(
     let tolerance = (END_TOLERANCE_PX + pair[0].uncertainty_px + pair[1].uncertainty_px) * px;
     let consistent = pair.iter().all(|e| !e.runs_on) && (offsets[0] - offsets[1]).abs() <= tolerance;
     let mut sides = Vec::new();
-    if consistent {
+    if pair.iter().all(|e| !e.runs_on) && (offsets[0] - offsets[1]).abs() > END_TOLERANCE_PX * px {
+        // The ends disagree. A stripe runs on beyond an edge by chance or on a flush neighbour more often than a straight line
+        // crosses the whole face where a stripe is lost: the inner end is the face's if the image shows a clear edge there.
+        let inner = if offsets[0] < offsets[1] { 0 } else { 1 };
+        let (middle, reach) = (sign * offsets[inner], (END_TOLERANCE_PX + pair[inner].uncertainty_px) * px);
+        let near = |e: &EdgeCandidate| e.strength / (1.0 + ((e.offset_mm - middle) / reach).powi(2) as f32);
+        let beside =
+            |e: &&EdgeCandidate| (e.offset_mm - middle).abs() <= reach && e.strength >= CLEAR_SUPPORT;
+        if let Some(e) = edges.iter().filter(beside).max_by(|x, y| near(x).total_cmp(&near(y))) {
+            let (offset_mm, nearness) = (e.offset_mm, near(e));
+            sides.push(Side { offset_mm, at_end: true, needed: CLEAR_SUPPORT, nearness });
+        }
+    }
+    if sides.is_empty() && consistent {
         let middle = 0.5 * sign * (offsets[0] + offsets[1]);
         // Near the ends the strongest edge, less the farther it is from them.
         let spread = (END_SIGMA_PX + 0.18 * (pair[0].uncertainty_px + pair[1].uncertainty_px)) * px;
@@ -347,25 +361,6 @@ fn side_candidates(
         }));
         if sides.is_empty() {
             sides.push(Side { offset_mm: middle, at_end: true, needed: SUPPORT_AT_ENDS, nearness: 0.0 });
-        }
-    }
-    if sides.is_empty() {
-        // The ends disagree: one stripe runs on by chance (or on a flush neighbour), the other may have left the face. A clear
-        // edge where one of them ends is the face's as well.
-        for (end, offset) in pair.iter().zip(offsets).filter(|(e, _)| !e.runs_on) {
-            let (middle, reach) = (sign * offset, (END_TOLERANCE_PX + end.uncertainty_px) * px);
-            let beside =
-                |e: &&EdgeCandidate| (e.offset_mm - middle).abs() <= reach && e.strength >= CLEAR_SUPPORT;
-            let near =
-                |e: &EdgeCandidate| e.strength / (1.0 + ((e.offset_mm - middle) / reach).powi(2) as f32);
-            if let Some(e) = edges.iter().filter(beside).max_by(|x, y| near(x).total_cmp(&near(y))) {
-                sides.push(Side {
-                    offset_mm: e.offset_mm,
-                    at_end: true,
-                    needed: CLEAR_SUPPORT,
-                    nearness: near(e),
-                });
-            }
         }
     }
     let at_ends = sides.clone();
@@ -521,12 +516,21 @@ fn support_of(
         .fold(0.0, f32::max)
 }
 
+/// Whether a face without an edge here goes on to the image border: the stripe comes so near to it, px (5 % of the image; the
+/// laser's fan may end before), that "step back" is the right advice.
+fn leaves_image(end: &End, frame: &Frame) -> bool {
+    const ROOM_PX: f64 = 100.0;
+    let (right, bottom) = (frame.width_px() as f64, frame.height_px() as f64);
+    let room = end.px.u.min(end.px.v).min(right - end.px.u).min(bottom - end.px.v);
+    end.runs_on || room < ROOM_PX + end.uncertainty_px
+}
+
 /// The refusal when sides are missing: cut by the border if a stripe runs out of the image, open otherwise.
 fn cut_or_open(ends: &[[End; 2]; 4], frame: &Frame) -> Reject {
-    let _ = frame;
-    let cut: Vec<&[End; 2]> = ends.iter().filter(|pair| pair.iter().any(|e| e.runs_on)).collect();
-    match cut.first().and_then(|pair| pair.iter().find(|e| e.runs_on)) {
+    let cut: Vec<&[End; 2]> =
+        ends.iter().filter(|pair| pair.iter().any(|e| leaves_image(e, frame))).collect();
+    match cut.first().and_then(|pair| pair.iter().find(|e| leaves_image(e, frame))) {
         Some(end) => Reject::FaceCutByBorder { sides_cut: cut.len() as u8, at: end.px },
-        None => Reject::RectangleOpen { sides_found: ends.len() as u8 - 1 },
+        None => Reject::RectangleOpen { sides_found: (ends.len() - 1) as u8 },
     }
 }
