@@ -53,6 +53,7 @@ fn every_reject() -> Vec<Reject> {
         Reject::FaceCutByBorder { sides_cut: 2, at: Px::new(10.25, -0.5) },
         Reject::FaceNotPlanar { rms_px: 3.0, limit_px: 2.0 },
         Reject::RectangleOpen { sides_found: 3 },
+        Reject::OutlineUnsure { support: 0.3, needed_support: 0.4, overlap: 0.7, needed_overlap: 0.8 },
         Reject::NotARectangle { rms_px: 3.0, limit_px: 2.0 },
         Reject::SidesDisagree {
             first: Estimate::new(1.0, 0.1),

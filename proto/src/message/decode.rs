@@ -154,6 +154,12 @@ fn reject(message: v1::Reject) -> Result<Reject, Error> {
             Reject::FaceNotPlanar { rms_px: number("rms_px")?, limit_px: number("limit_px")? }
         }
         "rectangle_open" => Reject::RectangleOpen { sides_found: small("sides_found")? },
+        "outline_unsure" => Reject::OutlineUnsure {
+            support: number("support")?,
+            needed_support: number("needed_support")?,
+            overlap: number("overlap")?,
+            needed_overlap: number("needed_overlap")?,
+        },
         "not_a_rectangle" => {
             Reject::NotARectangle { rms_px: number("rms_px")?, limit_px: number("limit_px")? }
         }

@@ -1,7 +1,9 @@
 //! The command line. Help texts here are what a user reads first: each command shows an example.
 
-use boxline::{EdgeMethod, Method, Settings};
+use boxline::{EdgeMethod, Method, Network, Settings};
+use boxline_edgenet::{EdgeNet, Options};
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
 const EXIT_CODES: &str =
@@ -172,9 +174,8 @@ pub struct EvaluateArgs {
     /// folders' frames or, if there are none, on rendered ones
     #[arg(long, value_enum, value_name = "NAME")]
     pub edges: Option<Option<EdgeName>>,
-    /// Score this network instead of the one that ships (.onnx)
-    #[arg(long, value_name = "FILE")]
-    pub model: Option<PathBuf>,
+    #[command(flatten)]
+    pub network: NetworkArgs,
     /// Rendered frames to score
     #[arg(long, value_name = "N", default_value_t = 1500, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     pub frames: u64,
@@ -252,9 +253,13 @@ pub struct How {
     /// How sides are computed: joint fit of a rectangle, or the paper's eight key points
     #[arg(long, value_enum, default_value_t = MethodName::Fit)]
     pub method: MethodName,
-    /// How the edges of the face are found: gradients along predicted edges, or the paper's Hough transform
-    #[arg(long, value_enum, default_value_t = EdgeName::Gradient)]
+    /// How the edges of the face are found: where the network sees them, where the stripes end, or by the paper's Hough
+    /// transform on the network's map
+    #[arg(long, value_enum, default_value_t)]
     pub edges: EdgeName,
+
+    #[command(flatten)]
+    pub network: NetworkArgs,
 }
 
 #[derive(ClapArgs)]
@@ -280,16 +285,48 @@ pub enum EvaluateMethod {
     Both,
 }
 
-#[derive(Clone, Copy, Default, ValueEnum)]
+#[derive(Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
 pub enum EdgeName {
     #[default]
+    Net,
     Gradient,
     Hough,
 }
 
+/// Which network, and how it runs.
+#[derive(ClapArgs)]
+pub struct NetworkArgs {
+    /// Use this network instead of the one that ships (.onnx)
+    #[arg(long, value_name = "FILE")]
+    pub model: Option<PathBuf>,
+    /// Threads of the network; needs ONNX Runtime, whose library is looked for beside the program and in ORT_DYLIB_PATH
+    #[arg(long, value_name = "N")]
+    pub threads: Option<NonZeroUsize>,
+}
+
+impl NetworkArgs {
+    /// Loads the network if this way of finding edges needs one.
+    pub fn load(&self, edges: EdgeName) -> Result<Option<EdgeNet>, boxline::Error> {
+        if edges == EdgeName::Gradient {
+            return Ok(None);
+        }
+        self.load_anyway().map(Some)
+    }
+
+    /// Loads the network.
+    pub fn load_anyway(&self) -> Result<EdgeNet, boxline::Error> {
+        let mut options = Options::default();
+        options.threads = self.threads.unwrap_or(options.threads);
+        match &self.model {
+            Some(path) => EdgeNet::from_path(path, &options),
+            None => EdgeNet::embedded(&options),
+        }
+    }
+}
+
 impl How {
     /// The library's settings.
-    pub fn settings(&self, choose: Option<u8>) -> Settings<'static> {
+    pub fn settings<'a>(&self, choose: Option<u8>, network: Option<&'a EdgeNet>) -> Settings<'a> {
         let method = match self.method {
             MethodName::Fit => Method::Fit,
             MethodName::Keypoints => Method::Keypoints,
@@ -298,7 +335,7 @@ impl How {
             method,
             edges: self.edges.into(),
             choose: choose.map(|number| usize::from(number).saturating_sub(1)),
-            network: None,
+            network: network.map(|n| n as &dyn Network),
         }
     }
 }
@@ -306,6 +343,7 @@ impl How {
 impl From<EdgeName> for EdgeMethod {
     fn from(name: EdgeName) -> Self {
         match name {
+            EdgeName::Net => Self::Net,
             EdgeName::Gradient => Self::Gradient,
             EdgeName::Hough => Self::Hough,
         }

@@ -32,7 +32,8 @@ pub fn measure(args: &MeasureArgs) -> anyhow::Result<Finished> {
         );
     }
     let (frame_a, frame_b) = (read_frame(&first.1)?, read_frame(&second.1)?);
-    let settings = args.how.settings(args.choose);
+    let network = args.how.network.load(args.how.edges)?;
+    let settings = args.how.settings(args.choose, network.as_ref());
     let report =
         measure_box(&frame_a, &frame_b, &calibration, &settings, &mut StageTimes::new()).map_err(|e| {
             // The library knows frames, not files: the culprit is the one that does not fit.
@@ -66,7 +67,9 @@ pub fn face(args: &FaceArgs) -> anyhow::Result<Finished> {
     check_overlay(&args.output, &[&args.frame, &args.calibration])?;
     let calibration = read_calibration(&args.calibration)?;
     let frame = read_frame(&args.frame)?;
-    let face = measure_face(&frame, &calibration, &args.how.settings(None), &mut StageTimes::new())
+    let network = args.how.network.load(args.how.edges)?;
+    let settings = args.how.settings(None, network.as_ref());
+    let face = measure_face(&frame, &calibration, &settings, &mut StageTimes::new())
         .map_err(|e| e.in_context(args.frame.display()))?;
     let name = file_name(&args.frame);
 

@@ -97,6 +97,9 @@ fn advice(reject: &Reject) -> Option<&'static str> {
             "press flaps down, take another face, or have the head calibrated again."
         }
         Reject::RectangleOpen { .. } => "look straighter at the face, with all its edges free and in view.",
+        Reject::OutlineUnsure { .. } => {
+            "see that the whole face is in view, evenly lit and clear of its neighbours."
+        }
         Reject::NotARectangle { .. } => "see that the whole face is in view and nothing covers its edges.",
         Reject::SidesDisagree { .. } => "take two faces of the same box that share an edge.",
         _ => return None,

@@ -49,6 +49,17 @@ pub enum Reject {
         /// Sides that were found.
         sides_found: u8,
     },
+    /// The network does not see clearly where the face ends.
+    OutlineUnsure {
+        /// Mean probability of an edge along the weakest side, 0 to 1.
+        support: f64,
+        /// The probability that is needed.
+        needed_support: f64,
+        /// Overlap of the outline with the face as the network sees it (intersection over union), 0 to 1.
+        overlap: f64,
+        /// The overlap that is needed.
+        needed_overlap: f64,
+    },
     /// The four sides do not form a rectangle.
     NotARectangle {
         /// Root mean square of the edge residuals, px.
@@ -78,6 +89,7 @@ impl Reject {
             Self::FaceCutByBorder { .. } => "face_cut_by_border",
             Self::FaceNotPlanar { .. } => "face_not_planar",
             Self::RectangleOpen { .. } => "rectangle_open",
+            Self::OutlineUnsure { .. } => "outline_unsure",
             Self::NotARectangle { .. } => "not_a_rectangle",
             Self::SidesDisagree { .. } => "sides_disagree",
         }
@@ -104,6 +116,12 @@ impl Reject {
             Self::FaceNotPlanar { rms_px, limit_px } | Self::NotARectangle { rms_px, limit_px } => {
                 vec![("rms_px", rms_px), ("limit_px", limit_px)]
             }
+            Self::OutlineUnsure { support, needed_support, overlap, needed_overlap } => vec![
+                ("support", support),
+                ("needed_support", needed_support),
+                ("overlap", overlap),
+                ("needed_overlap", needed_overlap),
+            ],
             Self::RectangleOpen { sides_found } => vec![("sides_found", f64::from(sides_found))],
             Self::SidesDisagree { first, second, limit_mm } => vec![
                 ("first_mm", first.value_mm),
@@ -146,6 +164,11 @@ impl fmt::Display for Reject {
             Self::RectangleOpen { sides_found } => {
                 write!(f, "only {sides_found} of 4 sides of the face were found")
             }
+            Self::OutlineUnsure { support, needed_support, overlap, needed_overlap } => write!(
+                f,
+                "the face's outline is not clear: weakest side {support:.2}, needed {needed_support:.2}; \
+                 overlap with the face {overlap:.2}, needed {needed_overlap:.2}"
+            ),
             Self::NotARectangle { rms_px, limit_px } => write!(
                 f,
                 "the four sides do not form a rectangle: rms {rms_px:.2} px, allowed {limit_px:.2} px"

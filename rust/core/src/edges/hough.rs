@@ -1,17 +1,20 @@
 //! The paper's procedure: edge map, Hough transform `rho = u cos(theta) + v sin(theta)` (eq. 20), clustering of the peaks
 //! with 15 px and 1.8 degrees, line fits; of the lines, each side of the face takes the one that fits it.
 
-use super::map::{EdgePixel, edge_pixels};
+use super::map::{EdgePixel, edge_pixels, edge_pixels_of_maps};
 use super::{EdgeDetector, EdgePoint};
 use crate::calibration::Calibration;
 use crate::face::outline::{RoughRectangle, SIDES};
 use crate::image::Frame;
+use crate::network::FaceMaps;
 use crate::units::Px;
 use std::f64::consts::PI;
 
-/// The paper's chain.
+/// The paper's chain, on a network's map if there is one.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct HoughDetector;
+pub(crate) struct HoughDetector<'a> {
+    pub maps: Option<&'a FaceMaps>,
+}
 
 /// Cells of the accumulator: half a degree and 4 px.
 const THETA_CELLS: usize = 360;
@@ -53,7 +56,7 @@ impl Line {
     }
 }
 
-impl EdgeDetector for HoughDetector {
+impl EdgeDetector for HoughDetector<'_> {
     fn edge_points(
         &self,
         frame: &Frame,
@@ -61,14 +64,19 @@ impl EdgeDetector for HoughDetector {
         rough: &RoughRectangle,
         keep_out: &[(Px, f64)],
     ) -> [Vec<EdgePoint>; 4] {
-        let pixels = edge_pixels(frame);
-        let lines = cluster(peaks(&pixels, frame.width_px(), frame.height_px()));
-        [0, 1, 2, 3]
-            .map(|side| side_points(calibration, rough, side, &pixels, &lines, keep_out).unwrap_or_default())
+        // Frame px per map px, in those of the half-resolution map.
+        let (pixels, coarseness) = match self.maps {
+            Some(maps) => (edge_pixels_of_maps(maps), maps.px_per_raster_px() / 2.0),
+            None => (edge_pixels(frame), 1.0),
+        };
+        let lines = cluster(peaks(&pixels, frame.width_px(), frame.height_px(), coarseness));
+        [0, 1, 2, 3].map(|side| {
+            side_points(calibration, rough, side, &pixels, &lines, keep_out, coarseness).unwrap_or_default()
+        })
     }
 }
 
-fn peaks(pixels: &[EdgePixel], width: usize, height: usize) -> Vec<Line> {
+fn peaks(pixels: &[EdgePixel], width: usize, height: usize, coarseness: f64) -> Vec<Line> {
     let reach = (width as f64).hypot(height as f64);
     let rho_cells = (2.0 * reach / RHO_CELL_PX).ceil() as usize + 1;
     let mut votes = vec![0f32; THETA_CELLS * rho_cells];
@@ -84,11 +92,12 @@ fn peaks(pixels: &[EdgePixel], width: usize, height: usize) -> Vec<Line> {
             votes[t * rho_cells + ((rho + reach) / RHO_CELL_PX) as usize] += 1.0;
         }
     }
+    let min_votes = MIN_VOTES / coarseness as f32;
     let mut all: Vec<Line> = Vec::new();
     for t in 0..THETA_CELLS {
         for r in 1..rho_cells - 1 {
             let v = votes[t * rho_cells + r];
-            if v >= MIN_VOTES && v >= votes[t * rho_cells + r - 1] && v >= votes[t * rho_cells + r + 1] {
+            if v >= min_votes && v >= votes[t * rho_cells + r - 1] && v >= votes[t * rho_cells + r + 1] {
                 all.push(Line {
                     rho_px: (r as f64 + 0.5) * RHO_CELL_PX - reach,
                     theta_rad: t as f64 * cell,
@@ -124,6 +133,7 @@ fn side_points(
     pixels: &[EdgePixel],
     lines: &[Line],
     keep_out: &[(Px, f64)],
+    coarseness: f64,
 ) -> Option<Vec<EdgePoint>> {
     let (across, _) = SIDES[side];
     let (from, to) = rough.span_mm(side);
@@ -144,7 +154,7 @@ fn side_points(
     };
     offset = (-sign * offset.0, -sign * offset.1);
     let mut chosen = Vec::new();
-    for near in [6.0, 4.0, ON_LINE_PX] {
+    for near in [6.0, 4.0, ON_LINE_PX].map(|near| near * coarseness) {
         chosen.clear();
         let (mut n, mut st, mut stt, mut sd, mut std) = (0.0, 0.0, 0.0, 0.0, 0.0);
         for p in pixels {
@@ -165,7 +175,7 @@ fn side_points(
             stt += t * t;
             sd += d;
             std += t * d;
-            chosen.push(EdgePoint { at: p.at, sigma_px: SIGMA_PX });
+            chosen.push(EdgePoint { at: p.at, sigma_px: SIGMA_PX * coarseness });
         }
         let spread = stt - st * st / n;
         if n < 8.0 || spread < 1e-6 {
@@ -199,7 +209,7 @@ mod tests {
         {
             let pixels = pixels_on(rho_px, theta_rad);
             assert!(pixels.len() as f32 > MIN_VOTES, "{rho_px}, {theta_rad}");
-            let lines = cluster(peaks(&pixels, 600, 400));
+            let lines = cluster(peaks(&pixels, 600, 400, 1.0));
             let best = lines.first().expect("a line");
             let (rho, theta) = best.difference(&Line { rho_px, theta_rad, votes: 0.0 });
             assert!(rho < 2.0 * RHO_CELL_PX && theta < 0.01, "{best:?} for {rho_px}, {theta_rad}");
@@ -231,7 +241,7 @@ mod tests {
     #[test]
     fn no_pixels_no_lines() {
         for (width, height) in [(1, 1), (3, 2), (64, 64)] {
-            assert!(peaks(&[], width, height).is_empty());
+            assert!(peaks(&[], width, height, 1.0).is_empty());
         }
     }
 }

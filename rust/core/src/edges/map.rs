@@ -1,8 +1,9 @@
-//! The classical edge map: gradient of the tone at half resolution in units of its
-//! noise, thinned to ridges. The place of the paper's network map.
+//! Edge maps for the paper's chain, thinned to ridges: a network's map of the face's edges, or, without a network, the
+//! gradient of the tone at half resolution in units of its noise.
 
 use super::{noise_of, tone_half};
 use crate::image::Frame;
+use crate::network::{Channel, FaceMaps};
 use crate::units::Px;
 
 /// A pixel of the thinned map.
@@ -52,6 +53,41 @@ pub(crate) fn edge_pixels(frame: &Frame) -> Vec<EdgePixel> {
                 at: Px::new(2.0 * half.0 + 0.5, 2.0 * half.1 + 0.5),
                 normal_rad: gy.atan2(gx),
             });
+        }
+    }
+    pixels
+}
+
+/// Probability from which a pixel of a network's map counts: half of what a certain edge has.
+const LEAST_PROBABILITY: f32 = 0.4;
+
+/// All ridge pixels of a network's map of the face's edges.
+pub(crate) fn edge_pixels_of_maps(maps: &FaceMaps) -> Vec<EdgePixel> {
+    let [w, h] = maps.size();
+    let map = maps.channel(Channel::FaceEdge);
+    let at = |x: usize, y: usize| map[y * w + x];
+    let mut pixels = Vec::new();
+    for y in 2..h.saturating_sub(2) {
+        for x in 2..w.saturating_sub(2) {
+            let m = at(x, y);
+            if m < LEAST_PROBABILITY {
+                continue;
+            }
+            // Across a ridge the second derivative is most negative: at a right angle to its largest value.
+            let xx = at(x + 1, y) + at(x - 1, y) - 2.0 * m;
+            let yy = at(x, y + 1) + at(x, y - 1) - 2.0 * m;
+            let xy = 0.25 * (at(x + 1, y + 1) + at(x - 1, y - 1) - at(x + 1, y - 1) - at(x - 1, y + 1));
+            let normal_rad = 0.5 * (2.0 * xy).atan2(xx - yy) + std::f32::consts::FRAC_PI_2;
+            let (dx, dy) = (normal_rad.cos().round() as isize, normal_rad.sin().round() as isize);
+            let neighbour =
+                |sign: isize| at((x as isize + sign * dx) as usize, (y as isize + sign * dy) as usize);
+            let (before, after) = (neighbour(-1), neighbour(1));
+            if m < before || m <= after {
+                continue;
+            }
+            let shift = f64::from(0.5 * (before - after) / (before + after - 2.0 * m));
+            let place = (x as f64 + shift * dx as f64, y as f64 + shift * dy as f64);
+            pixels.push(EdgePixel { at: maps.px_from_raster(place.0, place.1), normal_rad });
         }
     }
     pixels

@@ -157,7 +157,7 @@ mod tests {
     }
 
     fn detectors() -> [(&'static str, &'static dyn EdgeDetector); 2] {
-        [("gradient", &GradientDetector), ("hough", &HoughDetector)]
+        [("gradient", &GradientDetector), ("hough", &HoughDetector { maps: None })]
     }
 
     #[test]

@@ -7,7 +7,7 @@ use super::raster::{OnPlane, PlaneRaster};
 use crate::calibration::Calibration;
 use crate::frames::{Cam, Plane};
 use crate::network::{Channel, FaceMaps};
-use crate::units::LaserId;
+use crate::units::{LaserId, Px};
 
 /// A rectangle seen in the maps.
 #[derive(Clone, Debug)]
@@ -38,6 +38,27 @@ const APART: f64 = 2.5;
 const NEAR: [f64; 5] = [4.0, 3.0, 2.5, 2.0, 1.5];
 /// Samples along a side.
 const SAMPLES: usize = 48;
+
+impl MapOutline {
+    /// Mean probability of the face just outside a side, 0 to 1: clear of the edge's own blur, up to 8 pixels of the maps.
+    pub fn face_beyond(&self, calibration: &Calibration, maps: &FaceMaps, side: usize) -> f32 {
+        let (across, high) = SIDES[side];
+        let unit = self.mm_per_px * self.px_per_raster_px * if high { 1.0 } else { -1.0 };
+        let (from, to) = span_mm(&self.offsets_mm, side);
+        let (mut sum, mut count) = (0.0, 0);
+        for n in 0..SAMPLES {
+            let along = from + (to - from) * (n as f64 + 0.5) / SAMPLES as f64;
+            for beyond in [3.0, 4.5, 6.0, 8.0] {
+                let at = across.at(self.offsets_mm[side] + beyond * unit, along);
+                if let Some(px) = self.raster.pixel(calibration, at) {
+                    sum += maps.at(Channel::FaceMask, px);
+                    count += 1;
+                }
+            }
+        }
+        sum / count.max(1) as f32
+    }
+}
 
 /// A pixel of the maps on the plane.
 struct Spot {
@@ -110,12 +131,30 @@ pub(crate) fn map_outline(
     let raster = base.turned(candidate.angle);
     Some(MapOutline {
         support: [0, 1, 2, 3].map(|side| candidate.support(calibration, &base, maps, side)),
-        overlap: candidate.overlap(&mask, unit),
+        overlap: candidate.exact_overlap(calibration, &base, maps),
         raster,
         offsets_mm: candidate.offsets_mm,
         mm_per_px,
         px_per_raster_px: maps.px_per_raster_px(),
     })
+}
+
+/// How many borders of the image the face reaches in the maps, and where first. `None` if it keeps clear of all.
+pub(crate) fn mask_at_border(maps: &FaceMaps) -> Option<(u8, Px)> {
+    /// Border pixels that make a cut: a corner that just touches has fewer.
+    const FEWEST: usize = 4;
+    let [width, height] = maps.size();
+    let mask = maps.channel(Channel::FaceMask);
+    let on = |(x, y): &(usize, usize)| mask[y * width + x] >= LEAST_MASK;
+    let borders: [Vec<(usize, usize)>; 4] = [
+        (0..width).map(|x| (x, 0)).filter(on).collect(),
+        (0..height).map(|y| (width - 1, y)).filter(on).collect(),
+        (0..width).map(|x| (x, height - 1)).filter(on).collect(),
+        (0..height).map(|y| (0, y)).filter(on).collect(),
+    ];
+    let cut: Vec<_> = borders.iter().filter(|b| b.len() >= FEWEST).collect();
+    let (x, y) = *cut.first()?.first()?;
+    Some((cut.len() as u8, maps.px_from_raster(x as f64, y as f64)))
 }
 
 fn turned(at: OnPlane, angle: f64) -> OnPlane {
@@ -213,7 +252,7 @@ impl Candidate {
         (0..SAMPLES).map(value).sum::<f32>() / SAMPLES as f32
     }
 
-    /// Intersection over union with the mask; `mask` holds one pixel in four.
+    /// About the intersection over union with the mask; `mask` holds one pixel in four.
     fn overlap(&self, mask: &[Spot], unit: f64) -> f32 {
         let [a0, a1, b0, b1] = self.offsets_mm;
         let inside = mask
@@ -226,6 +265,26 @@ impl Candidate {
         // A tilted face has more pixels where it is near; the size of a pixel at the grid's middle stands for all.
         let area = (a1 - a0) * (b1 - b0) / (4.0 * unit * unit);
         (inside / (area.max(inside) + mask.len() as f64 - inside)) as f32
+    }
+
+    /// Intersection over union with the mask, counted on the maps.
+    fn exact_overlap(&self, calibration: &Calibration, base: &PlaneRaster, maps: &FaceMaps) -> f32 {
+        let [a0, a1, b0, b1] = self.offsets_mm;
+        let [width, height] = maps.size();
+        let map = maps.channel(Channel::FaceMask);
+        let (mut both, mut either) = (0, 0);
+        for y in (0..height).step_by(2) {
+            for x in (0..width).step_by(2) {
+                let face = map[y * width + x] >= LEAST_MASK;
+                let inside = base
+                    .on_plane(calibration, maps.px_from_raster(x as f64, y as f64))
+                    .map(|at| turned(at, self.angle))
+                    .is_some_and(|at| at.x > a0 && at.x < a1 && at.y > b0 && at.y < b1);
+                both += i32::from(face && inside);
+                either += i32::from(face || inside);
+            }
+        }
+        both as f32 / either.max(1) as f32
     }
 
     /// Least squares of angle and offsets to the edge pixels nearby.

@@ -55,8 +55,9 @@ pub(crate) fn measure(
     let anchor = Anchor { at, towards };
     let start = start_from(calibration, rough, anchor).ok_or_else(open)?;
     let mut fit = refine(calibration, &stripes, edges, anchor, &start, ITERATIONS).ok_or_else(open)?;
-    if fit.edge_rms_px > MAX_EDGE_RMS_PX {
-        return Err(Reject::NotARectangle { rms_px: fit.edge_rms_px, limit_px: MAX_EDGE_RMS_PX });
+    let limit_px = edge_limit_px(edges);
+    if fit.edge_rms_px > limit_px {
+        return Err(Reject::NotARectangle { rms_px: fit.edge_rms_px, limit_px });
     }
     check_crossings(frame, calibration, &fit)?;
 
@@ -98,6 +99,12 @@ pub(crate) fn measure(
     }
     let key_points_px = key_points::on_sides(calibration, &fit).ok_or_else(open)?;
     assemble(calibration, &stripes, edges, &fit, values, variances, key_points_px).ok_or_else(open)
+}
+
+/// What edge residuals may be: more where the points come from a coarse map.
+fn edge_limit_px(edges: &[Vec<EdgePoint>; 4]) -> f64 {
+    let (sum, count) = edges.iter().flatten().fold((0.0, 0.0), |(s, n), e| (s + e.sigma_px, n + 1.0));
+    MAX_EDGE_RMS_PX.max(3.0 * sum / f64::max(count, 1.0))
 }
 
 /// The stripe centres that lie within the rectangle.

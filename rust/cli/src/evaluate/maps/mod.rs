@@ -13,7 +13,7 @@ use crate::args::EvaluateArgs;
 use crate::input::{lit_faces, read_frame};
 use boxline::network::{CHANNELS, FaceMaps, Network};
 use boxline::{Error, ErrorKind, Frame};
-use boxline_edgenet::{EdgeNet, Options};
+use boxline_edgenet::EdgeNet;
 use boxline_proto::json::read_calibration;
 use boxline_sim::stream::{FRAME_PX, sample};
 use boxline_sim::{Split, Stock};
@@ -29,10 +29,7 @@ const VALIDATION_FRAMES: u64 = 200;
 
 /// Runs `boxline evaluate --edges`.
 pub fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Finished> {
-    let network = match &args.model {
-        Some(path) => EdgeNet::from_path(path, &Options::default())?,
-        None => EdgeNet::embedded(&Options::default())?,
-    };
+    let network = args.network.load_anyway()?;
     let of_recordings = !args.folders.is_empty();
     let total = VALIDATION_FRAMES + if of_recordings { 0 } else { args.frames };
     // Drawn on standard error, and only on a terminal.
