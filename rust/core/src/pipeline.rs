@@ -12,7 +12,7 @@ use crate::image::redness::{Diagonal, half_redness, ridge_map};
 use crate::measurement::{
     BoxReport, EdgeMethod, FaceMeasurement, FaceOutcome, Outcome, Settings, StageTimes,
 };
-use crate::network::FaceMaps;
+use crate::network::{FaceMaps, Network};
 use crate::rectangle;
 use crate::rectangle::hypothesize::{Which, cut_by_border, hypothesize, limits, snap_to_image};
 use crate::reject::Reject;
@@ -72,10 +72,7 @@ pub fn measure_face(
         ));
     }
     let mut clock = Clock { since: Instant::now(), times };
-    let maps = match settings.network {
-        Some(network) if settings.edges != EdgeMethod::Gradient => Some(network.maps(frame)?),
-        _ => None,
-    };
+    let maps = asked_network(settings).map(|network| network.maps(frame)).transpose()?;
     clock.lap("network");
     Ok(match face_stages(frame, calibration, settings, maps.as_ref(), Which::Best, &mut clock) {
         Ok(faces) => faces
@@ -86,6 +83,11 @@ pub fn measure_face(
             }),
         Err(reject) => FaceOutcome::Rejected(reject),
     })
+}
+
+/// The network, if this way of finding edges asks one.
+fn asked_network<'a>(settings: &Settings<'a>) -> Option<&'a dyn Network> {
+    settings.network.filter(|_| settings.edges != EdgeMethod::Gradient)
 }
 
 fn face_stages(
@@ -260,8 +262,9 @@ pub fn measure_box(
         (FaceOutcome::Measured(a), FaceOutcome::Measured(b)) => cuboid::assemble(a, b, settings.choose),
         (FaceOutcome::Rejected(r), _) | (_, FaceOutcome::Rejected(r)) => Outcome::Rejected(r.clone()),
     };
-    let with_network = settings.network.is_some() && settings.edges != EdgeMethod::Gradient;
-    if with_network || !matches!(outcome, Outcome::Rejected(Reject::SidesDisagree { .. })) {
+    if asked_network(settings).is_some()
+        || !matches!(outcome, Outcome::Rejected(Reject::SidesDisagree { .. }))
+    {
         return Ok(BoxReport { outcome, faces: [a, b] });
     }
     let agreed = with_alternatives([first, second], calibration, settings, times);

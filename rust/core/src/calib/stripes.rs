@@ -8,6 +8,7 @@ use crate::frames::{Cam, Pose, Ray};
 use crate::image::Frame;
 use crate::image::redness::{Diagonal, RidgeMap, Z_STEPS, half_redness, ridge_map};
 use crate::stripe::peak::{Estimator, find_peak};
+use crate::stripe::trace::{FOOT_PER_HALF_HEIGHT, HALF_WIDTHS_PX, SPECKLE_PX, SPECKLE_ROWS};
 use crate::units::Px;
 use nalgebra::{Matrix2, Matrix3, Vector2};
 
@@ -39,17 +40,11 @@ const MIN_COVERAGE: f64 = 0.35;
 const BLOCK_PX: usize = 4;
 /// Profiles reach so far to either side, px: twice the foot of the widest stripe.
 const REACH_PX: usize = 40;
-/// Half width at the foot over half width at half height of a bell, and its bounds in px (see `stripe::trace`).
-const FOOT_PER_HALF_HEIGHT: f64 = 1.9;
-const HALF_WIDTHS_PX: (f64, f64) = (4.0, 18.0);
 /// Farthest from the voted line that a centre is looked for, px.
 const SEARCH_PX: f64 = 5.0;
 /// A centre needs this height over the noise and in grey levels of redness.
 const MIN_SIGNAL_TO_NOISE: f64 = 5.0;
 const MIN_AMPLITUDE: f64 = 4.0;
-/// Speckle of one row, px, and rows after which it is another (physics.md).
-const SPECKLE_PX: f64 = 0.3;
-const SPECKLE_ROWS: f64 = 1.5;
 /// Fewest centres of a stripe.
 const MIN_POINTS: usize = 12;
 

@@ -102,9 +102,9 @@ pub(crate) fn map_outline(
         .into_iter()
         .filter_map(|(i, j)| base.on_plane(calibration, crossing_px(calibration, plane, i, j)?))
         .collect();
-    let angle_deg = (-MAX_ANGLE_DEG..=MAX_ANGLE_DEG).max_by(|a, b| {
-        sharpness(&edges, &crossings, *a, unit).total_cmp(&sharpness(&edges, &crossings, *b, unit))
-    })?;
+    let (_, angle_deg) = (-MAX_ANGLE_DEG..=MAX_ANGLE_DEG)
+        .map(|angle_deg| (sharpness(&edges, &crossings, angle_deg, unit), angle_deg))
+        .max_by(|a, b| a.0.total_cmp(&b.0))?;
     let angle = f64::from(angle_deg).to_radians();
     let peaks = [0, 1, 2, 3].map(|side| peaks(&profile(&edges, &crossings, angle, side, unit)));
     let mut best: Option<(f32, Candidate)> = None;

@@ -1,6 +1,8 @@
 //! Which rectangle on the plane is the face: its direction from the ends of the stripes, its four sides from the ends
 //! where a stripe leaves the plane and from straight image edges where a flush neighbour carries the stripe on.
 
+use super::corners_outside;
+use super::key_points::crossing_on;
 use crate::calibration::Calibration;
 use crate::edges::side_scan::{EdgeCandidate, ScanRange, SideScan};
 use crate::face::extent::{FaceStripes, Limits, StripeEnd, crossing_lasers, crossing_px};
@@ -9,7 +11,6 @@ use crate::face::outline::{Across, RoughRectangle, SIDES, span_mm};
 use crate::face::raster::{OnPlane, PlaneRaster};
 use crate::image::Frame;
 use crate::network::FaceMaps;
-use crate::rectangle::key_points::crossing_on;
 use crate::reject::Reject;
 use crate::units::{LaserId, Px};
 use std::collections::BTreeMap;
@@ -46,6 +47,12 @@ struct End {
     uncertainty_px: f64,
 }
 
+impl End {
+    fn leaves_image(&self, frame: &Frame) -> bool {
+        leaves_image(self.px, self.runs_on, self.uncertainty_px, frame)
+    }
+}
+
 /// Finds the rectangle, the likeliest first, or says why there is none.
 pub(crate) fn hypothesize(
     frame: &Frame,
@@ -73,7 +80,7 @@ pub(crate) fn hypothesize(
     let found = sides.iter().filter(|s| !s.is_empty()).count();
     if found < 4 {
         let any_border =
-            ends.iter().zip(&sides).any(|(e, s)| s.is_empty() && e.iter().any(|x| leaves_image(x, frame)));
+            ends.iter().zip(&sides).any(|(e, s)| s.is_empty() && e.iter().any(|x| x.leaves_image(frame)));
         return Err(if any_border {
             cut_or_open(&ends, frame)
         } else {
@@ -179,21 +186,6 @@ pub(crate) fn snap_to_image(
     })?;
     rough.at_ends = flush.map(|f| !f);
     Ok(rough)
-}
-
-/// The refusal if a corner lies outside the image.
-fn corners_outside(
-    frame: &Frame,
-    calibration: &Calibration,
-    raster: &PlaneRaster,
-    [a0, a1, b0, b1]: &[f64; 4],
-) -> Option<Reject> {
-    let (right, bottom) = (frame.width_px() as f64 - 0.5, frame.height_px() as f64 - 0.5);
-    let corners = [(a0, b0), (a1, b0), (a1, b1), (a0, b1)]
-        .map(|(a, b)| raster.pixel(calibration, OnPlane::new(*a, *b)).unwrap_or(Px::new(-1.0, -1.0)));
-    let out: Vec<&Px> =
-        corners.iter().filter(|p| p.u < -0.5 || p.v < -0.5 || p.u > right || p.v > bottom).collect();
-    out.first().map(|at| Reject::FaceCutByBorder { sides_cut: out.len() as u8, at: **at })
 }
 
 /// Where each stripe is to be followed when the maps have shown the face: a little beyond its two sides.
@@ -551,32 +543,27 @@ fn support_of(
 /// The refusal if a stripe runs out of the image on the face.
 pub(crate) fn cut_by_border(frame: &Frame, face: &FaceStripes) -> Option<Reject> {
     let leaving = |ends: &[StripeEnd; 2]| {
-        ends.iter().copied().find(|e| e.runs_on || room_px(e.at, frame) < ROOM_PX + e.uncertainty_px)
+        ends.iter().copied().find(|e| leaves_image(e.at, e.runs_on, e.uncertainty_px, frame))
     };
     let found: Vec<StripeEnd> = face.stripes.iter().filter_map(|s| leaving(&s.ends)).collect();
     found.first().map(|end| Reject::FaceCutByBorder { sides_cut: found.len().min(4) as u8, at: end.at })
 }
 
-/// Distance to the nearest border of the image, px.
-fn room_px(at: Px, frame: &Frame) -> f64 {
-    let (right, bottom) = (frame.width_px() as f64, frame.height_px() as f64);
-    at.u.min(at.v).min(right - at.u).min(bottom - at.v)
-}
-
-/// A stripe that comes so near to the border (5 % of the image) on a face without an edge there leaves the image with it.
+/// A stripe that comes so near to the border, px (5 % of the image), on a face without an edge there leaves the image with it:
+/// "step back" is the right advice, though the laser's fan may end before.
 const ROOM_PX: f64 = 100.0;
 
-/// Whether a face without an edge here goes on to the image border: the stripe comes so near to it, px (5 % of the image; the
-/// laser's fan may end before), that "step back" is the right advice.
-fn leaves_image(end: &End, frame: &Frame) -> bool {
-    end.runs_on || room_px(end.px, frame) < ROOM_PX + end.uncertainty_px
+/// Whether a face without an edge where a stripe ends goes on to the image border.
+fn leaves_image(at: Px, runs_on: bool, uncertainty_px: f64, frame: &Frame) -> bool {
+    let (right, bottom) = (frame.width_px() as f64, frame.height_px() as f64);
+    let room_px = at.u.min(at.v).min(right - at.u).min(bottom - at.v);
+    runs_on || room_px < ROOM_PX + uncertainty_px
 }
 
 /// The refusal when sides are missing: cut by the border if a stripe runs out of the image, open otherwise.
 fn cut_or_open(ends: &[[End; 2]; 4], frame: &Frame) -> Reject {
-    let cut: Vec<&[End; 2]> =
-        ends.iter().filter(|pair| pair.iter().any(|e| leaves_image(e, frame))).collect();
-    match cut.first().and_then(|pair| pair.iter().find(|e| leaves_image(e, frame))) {
+    let cut: Vec<&[End; 2]> = ends.iter().filter(|pair| pair.iter().any(|e| e.leaves_image(frame))).collect();
+    match cut.first().and_then(|pair| pair.iter().find(|e| e.leaves_image(frame))) {
         Some(end) => Reject::FaceCutByBorder { sides_cut: cut.len() as u8, at: end.px },
         None => Reject::RectangleOpen { sides_found: (ends.len() - 1) as u8 },
     }

@@ -12,7 +12,7 @@ use crate::edges::EdgePoint;
 use crate::face::extent::{FaceStripes, crossing_px};
 use crate::face::outline::{RoughRectangle, SIDES, span_mm};
 use crate::face::plane_fit::StripeObservation;
-use crate::face::raster::OnPlane;
+use crate::face::raster::{OnPlane, PlaneRaster};
 use crate::image::Frame;
 use crate::measurement::{FaceMeasurement, Method};
 use crate::reject::Reject;
@@ -126,12 +126,8 @@ fn face_observations(
 
 /// Every stripe must cross its two sides between their corners, and every corner must be in the image.
 fn check_crossings(frame: &Frame, calibration: &Calibration, fit: &FittedRectangle) -> Result<(), Reject> {
-    let corners = corner_points(&fit.offsets_mm).map(|c| fit.raster.pixel(calibration, c));
-    let (right, bottom) = (frame.width_px() as f64 - 0.5, frame.height_px() as f64 - 0.5);
-    let outside = |p: &Option<Px>| p.is_none_or(|p| p.u < -0.5 || p.v < -0.5 || p.u > right || p.v > bottom);
-    if let Some(first) = corners.iter().find(|c| outside(c)) {
-        let sides_cut = corners.iter().filter(|c| outside(c)).count() as u8;
-        return Err(Reject::FaceCutByBorder { sides_cut, at: first.unwrap_or(Px::new(-1.0, -1.0)) });
+    if let Some(cut) = corners_outside(frame, calibration, &fit.raster, &fit.offsets_mm) {
+        return Err(cut);
     }
     let mut missed = None;
     let mut on_face = 4;
@@ -152,6 +148,22 @@ fn check_crossings(frame: &Frame, calibration: &Calibration, fit: &FittedRectang
         Some(laser) => Err(Reject::StripeMissing { laser, stripes_on_face: on_face }),
         None => Ok(()),
     }
+}
+
+/// The refusal if a corner lies outside the image.
+fn corners_outside(
+    frame: &Frame,
+    calibration: &Calibration,
+    raster: &PlaneRaster,
+    offsets_mm: &[f64; 4],
+) -> Option<Reject> {
+    let (right, bottom) = (frame.width_px() as f64 - 0.5, frame.height_px() as f64 - 0.5);
+    let outside = |p: &Px| p.u < -0.5 || p.v < -0.5 || p.u > right || p.v > bottom;
+    let corners = corner_points(offsets_mm)
+        .map(|corner| raster.pixel(calibration, corner).unwrap_or(Px::new(-1.0, -1.0)));
+    let first = corners.iter().find(|p| outside(p))?;
+    let sides_cut = corners.iter().filter(|p| outside(p)).count() as u8;
+    Some(Reject::FaceCutByBorder { sides_cut, at: *first })
 }
 
 /// Corners on the raster, going round from low a, low b along a.

@@ -59,8 +59,8 @@ pub(crate) struct TraceSettings {
 /// A peak below this many grey levels of redness is no stripe whatever the noise: JPEG steps are of that size.
 const MIN_AMPLITUDE: f64 = 2.0;
 /// Speckle: the centre of one row scatters by this much (physics.md: 0.2 to 0.4 px), rows decorrelate after 1.5.
-const SPECKLE_PX: f64 = 0.3;
-const SPECKLE_ROWS: f64 = 1.5;
+pub(crate) const SPECKLE_PX: f64 = 0.3;
+pub(crate) const SPECKLE_ROWS: f64 = 1.5;
 
 /// The direction in which a stripe is walked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -235,10 +235,10 @@ pub(crate) fn trace(
 /// Offsets across the stripe that the mean profile covers, px: more than twice the widest stripe's foot.
 const PROFILE_PX: usize = 36;
 /// Allowed half widths at the foot, px: optics and sensor blur set the lower, a 3 mm beam at 0.35 m the upper.
-const HALF_WIDTHS_PX: (f64, f64) = (4.0, 18.0);
+pub(crate) const HALF_WIDTHS_PX: (f64, f64) = (4.0, 18.0);
 /// Foot over half width at half height: 1.85 for a bell (3 sigma would be 2.55, but its foot is below 5 % there), less
 /// for a saturated stripe, where a wider window costs little.
-const FOOT_PER_HALF_HEIGHT: f64 = 1.9;
+pub(crate) const FOOT_PER_HALF_HEIGHT: f64 = 1.9;
 
 /// Half the width of the stripes at their foot, px across, from the mean profile along all given pieces, each in its tint.
 pub(crate) fn measure_half_width_px(
