@@ -2,42 +2,19 @@
 //! or an error leaves no file behind. Bad sets are recorded board frames, changed, at half size: a quarter of the time.
 #![allow(clippy::unwrap_used)] // the helpers are tests too, which clippy sees only in the functions marked #[test]
 
+mod program;
+
 use image::codecs::jpeg::JpegEncoder;
 use image::imageops::{FilterType, fast_blur, resize};
 use image::{Rgb, RgbImage};
+use program::{boxline, data, json_of, stderr, stdout, text};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::Output;
 use std::sync::OnceLock;
 use tempfile::TempDir;
 
 const NAMES: [&str; 8] = ["c01", "c03", "c05", "c09", "c13", "c19", "c21", "c25"];
-
-fn data(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data").join(name)
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().unwrap()
-}
-
-fn boxline(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_boxline")).args(arguments).output().unwrap()
-}
-
-fn stdout(output: &Output) -> String {
-    String::from_utf8(output.stdout.clone()).unwrap()
-}
-
-fn stderr(output: &Output) -> String {
-    String::from_utf8(output.stderr.clone()).unwrap()
-}
-
-fn json_of(output: &Output) -> Value {
-    let text = stdout(output);
-    serde_json::from_str(&text)
-        .unwrap_or_else(|e| panic!("not one JSON object: {e}\n{text}\n{}", stderr(output)))
-}
 
 fn read(path: &Path) -> Value {
     serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()

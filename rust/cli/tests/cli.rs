@@ -1,35 +1,11 @@
 //! The program from outside: exit codes, what is printed where, and that broken input leaves nothing behind.
 #![allow(clippy::unwrap_used)] // the helpers are tests too, which clippy sees only in the functions marked #[test]
 
+mod program;
+
+use program::{boxline, data, json_of, stderr, stdout, text};
 use serde_json::Value;
-use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
-
-fn data(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data").join(name)
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().unwrap()
-}
-
-fn boxline(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_boxline")).args(arguments).output().unwrap()
-}
-
-fn stdout(output: &Output) -> String {
-    String::from_utf8(output.stdout.clone()).unwrap()
-}
-
-fn stderr(output: &Output) -> String {
-    String::from_utf8(output.stderr.clone()).unwrap()
-}
-
-fn json(output: &Output) -> Value {
-    let text = stdout(output);
-    serde_json::from_str(&text)
-        .unwrap_or_else(|e| panic!("not one JSON object: {e}\n{text}\n{}", stderr(output)))
-}
+use std::path::PathBuf;
 
 fn calibration() -> PathBuf {
     data("calibration_set/calibration.json")
@@ -42,7 +18,7 @@ fn fails(arguments: &[&str], kind: &str) -> String {
     assert_eq!(output.status.code(), Some(2), "{arguments:?}: {said}");
     assert!(said.starts_with("error: "), "{said}");
     assert!(!said.contains("panicked"), "{said}");
-    let object = json(&output);
+    let object = json_of(&output);
     assert_eq!(object["outcome"], "error");
     assert_eq!(object["error"]["kind"], kind, "{said}");
     assert!(said.contains(object["error"]["text"].as_str().unwrap()), "{said}");
@@ -85,7 +61,7 @@ fn measures_a_recording() {
     let output = boxline(&["measure", text(&data("b02")), "--json", "--overlay", text(&overlay)]);
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
     assert_eq!(stderr(&output), "");
-    let object = json(&output);
+    let object = json_of(&output);
     assert_eq!(object["outcome"], "measured");
     for (side, truth_mm) in [("length_mm", 550.6), ("width_mm", 350.5), ("height_mm", 300.0)] {
         let value = object[side]["value"].as_f64().unwrap();
@@ -101,10 +77,10 @@ fn measures_a_recording() {
 
 #[test]
 fn frames_and_folder_give_the_same_numbers() {
-    let folder = json(&boxline(&["measure", text(&data("b02")), "--json"]));
+    let folder = json_of(&boxline(&["measure", text(&data("b02")), "--json"]));
     let [a, b] = ["b02/a.jpg", "b02/b.jpg"].map(data);
     let frames =
-        json(&boxline(&["measure", text(&a), text(&b), "--calibration", text(&calibration()), "--json"]));
+        json_of(&boxline(&["measure", text(&a), text(&b), "--calibration", text(&calibration()), "--json"]));
     assert_eq!(folder["length_mm"], frames["length_mm"]);
     assert_eq!(folder["volume_m3"], frames["volume_m3"]);
     assert_eq!(frames["faces"][0]["frame"], "a.jpg");
@@ -127,7 +103,7 @@ fn a_refusal_ends_with_3_and_says_what_to_do() {
         let arguments = ["face", text(&file), "--calibration", text(&calibration)];
         let output = boxline(&[&arguments[..], &["--json"]].concat());
         assert_eq!(output.status.code(), Some(3));
-        let object = json(&output);
+        let object = json_of(&output);
         assert_eq!(object["outcome"], "rejected");
         assert_eq!(object["reject"]["reason"], reason);
         assert!(object["length_mm"].is_null());
@@ -157,7 +133,7 @@ fn the_same_face_twice_leaves_two_boxes() {
     let arguments = ["measure", text(&a), text(&a), "--calibration", text(&calibration), "--json"];
     let output = boxline(&arguments);
     assert_eq!(output.status.code(), Some(4), "{}", stderr(&output));
-    let object = json(&output);
+    let object = json_of(&output);
     assert_eq!(object["outcome"], "ambiguous");
     assert_eq!(object["candidates"].as_array().unwrap().len(), 2);
 
@@ -165,8 +141,8 @@ fn the_same_face_twice_leaves_two_boxes() {
         let output = boxline(&[&arguments[..], &["--choose", choice]].concat());
         assert_eq!(output.status.code(), Some(0));
         let index: usize = choice.parse::<usize>().unwrap() - 1;
-        assert_eq!(json(&output)["length_mm"], object["candidates"][index]["length_mm"]);
-        assert_eq!(json(&output)["width_mm"], object["candidates"][index]["width_mm"]);
+        assert_eq!(json_of(&output)["length_mm"], object["candidates"][index]["length_mm"]);
+        assert_eq!(json_of(&output)["width_mm"], object["candidates"][index]["width_mm"]);
     }
 }
 
@@ -175,7 +151,7 @@ fn methods_can_be_chosen() {
     for way in [["--method", "keypoints"], ["--edges", "hough"]] {
         let output = boxline(&[&["measure", text(&data("b03")), "--json"][..], &way].concat());
         assert!(matches!(output.status.code(), Some(0 | 3)), "{}", stderr(&output));
-        json(&output);
+        json_of(&output);
     }
 }
 
@@ -260,7 +236,7 @@ fn a_recording_needs_two_lit_faces() {
     let other_names = recording(&[frame("top", "a.jpg", "on"), frame("side", "b.jpg", "on")].join(","));
     let output = boxline(&["measure", text(other_names.path()), "--json"]);
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
-    assert_eq!(json(&output)["faces"][0]["frame"], "top");
+    assert_eq!(json_of(&output)["faces"][0]["frame"], "top");
 
     let one = recording(&[frame("a", "a.jpg", "on"), frame("b", "b.jpg", "off")].join(","));
     let said = fails(&["measure", text(one.path())], "invalid_file");
@@ -286,7 +262,7 @@ fn a_calibration_of_another_head_is_pointed_out() {
     std::fs::write(&file, other).unwrap();
     let output = boxline(&["measure", text(folder.path()), "--json"]);
     assert!(stderr(&output).starts_with("warning: "), "{}", stderr(&output));
-    assert_eq!(json(&output)["outcome"], "measured");
+    assert_eq!(json_of(&output)["outcome"], "measured");
 }
 
 #[test]
@@ -342,7 +318,7 @@ fn evaluates_all_recordings() {
     let output = boxline(&["evaluate", text(&data("")), "--method", "both", "--json"]);
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
     assert_eq!(stderr(&output), "", "progress is for terminals");
-    let object = json(&output);
+    let object = json_of(&output);
     let recordings = object["recordings"].as_array().unwrap();
     let of = |name: &str, method: &str| {
         recordings.iter().find(|r| r["recording"] == name && r["method"] == method).unwrap()
@@ -401,7 +377,7 @@ fn without_a_box_every_frame_is_judged_by_itself() {
         serde_json::from_str(&std::fs::read_to_string(data("b02/truth.json")).unwrap()).unwrap();
     truth["box_mm"] = Value::Null;
     std::fs::write(folder.path().join("truth.json"), truth.to_string()).unwrap();
-    let object = json(&boxline(&["evaluate", text(folder.path()), "--json"]));
+    let object = json_of(&boxline(&["evaluate", text(folder.path()), "--json"]));
     assert!(object["recordings"][0]["box"].is_null());
     let faces = object["recordings"][0]["faces"].as_array().unwrap();
     assert_eq!(faces.len(), 2);

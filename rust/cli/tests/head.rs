@@ -1,12 +1,11 @@
 //! The commands for a head on the cable, as far as they go without one: what a wrong argument says, and that nothing is left behind.
 #![allow(clippy::unwrap_used)] // the helpers are tests too, which clippy sees only in the functions marked #[test]
 
-use std::path::Path;
-use std::process::{Command, Output};
+mod program;
 
-fn boxline(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_boxline")).args(arguments).output().unwrap()
-}
+use program::boxline;
+use std::path::Path;
+use std::process::Command;
 
 fn fails(arguments: &[&str], needed: &str) {
     let output = boxline(arguments);

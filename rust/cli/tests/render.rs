@@ -2,17 +2,11 @@
 #![cfg(feature = "render")]
 #![allow(clippy::unwrap_used)] // the helpers are tests too, which clippy sees only in the functions marked #[test]
 
+mod program;
+
+use program::{boxline, text};
 use serde_json::Value;
 use std::path::Path;
-use std::process::{Command, Output};
-
-fn boxline(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_boxline")).args(arguments).output().unwrap()
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().unwrap()
-}
 
 fn names_in(folder: &Path) -> Vec<String> {
     let mut names: Vec<String> =
