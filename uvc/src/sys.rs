@@ -1,8 +1,9 @@
 //! All unsafe code of this crate: contexts, handles and transfers of libusb behind safe types.
 //!
 //! A transfer that is in flight belongs to libusb; its callback gives it back. So none can be freed before its callback ran, however a
-//! stream ends. One thread for each handle runs libusb's events; everything else waits on queues, always with a limit. If libusb
-//! still holds transfers when the limit is over, the handle is leaked rather than closed under them.
+//! stream ends. One thread for each handle runs libusb's events; everything else waits on queues, always with a limit. What Linux makes
+//! its caller wait for (5 s for a head that does not answer) is called on a thread of its own. The device is closed by whoever uses
+//! it last: if libusb or Linux does not come back in time, that is the event thread, and nobody waits for it.
 #![allow(unsafe_code)]
 
 use crate::{Error, ErrorKind};
@@ -12,12 +13,16 @@ use std::ffi::{c_int, c_uint};
 use std::os::fd::{AsRawFd, BorrowedFd, OwnedFd};
 use std::ptr::{self, NonNull};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak, mpsc};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// How long the event thread sleeps at most, so that it notices the end even if nothing wakes it.
 const EVENT_NAP: Duration = Duration::from_millis(100);
+/// How long a call may take in which Linux waits for the device. A request without data has to be answered in 50 ms (USB 2.0, 9.2.6.4).
+const KERNEL_LIMIT: Duration = Duration::from_secs(1);
+/// The same for taking an interface, which Linux's own driver may have to let go first, or may just be taking back.
+const CLAIM_LIMIT: Duration = Duration::from_secs(3);
 /// How long closing waits for transfers that were cancelled. Linux gives them back within milliseconds.
 const CLOSE_LIMIT: Duration = Duration::from_secs(1);
 
@@ -47,9 +52,16 @@ impl Code {
         Error::new(kind, format!("{what}: {text} (libusb {})", self.0))
     }
 
+    const LATE: Self = Self(ffi::constants::LIBUSB_ERROR_TIMEOUT);
+
     /// The device is not there any more.
     pub fn is_gone(&self) -> bool {
         self.0 == ffi::constants::LIBUSB_ERROR_NO_DEVICE
+    }
+
+    /// The limit was over before there was an answer.
+    pub fn is_late(&self) -> bool {
+        *self == Self::LATE
     }
 }
 
@@ -164,13 +176,18 @@ impl Drop for Listed {
     }
 }
 
-/// An open device.
+/// An open device, closed when the last user drops it.
 struct Open {
     raw: NonNull<ffi::libusb_device_handle>,
     context: Arc<Context>,
-    /// Transfers that libusb holds.
-    in_flight: AtomicUsize,
+    /// How many [`InUse`] there are.
+    in_use: AtomicUsize,
     ending: AtomicBool,
+    /// Whether somebody has the [`Turn`].
+    turn: Mutex<bool>,
+    turn_ended: Condvar,
+    /// A duplicate of the descriptor it was opened by. As a field it outlives what `drop` closes.
+    _fd: Option<OwnedFd>,
 }
 
 // SAFETY: libusb's handles may be used from all threads at once.
@@ -178,13 +195,53 @@ unsafe impl Send for Open {}
 // SAFETY: as above.
 unsafe impl Sync for Open {}
 
+impl Drop for Open {
+    fn drop(&mut self) {
+        // SAFETY: every transfer in flight, every call and the event thread hold an Arc to this, so none is left.
+        unsafe { ffi::libusb_close(self.raw.as_ptr()) };
+    }
+}
+
+/// A transfer that libusb holds, or a call that has not returned: until there is none, events are handled and the device stays open.
+struct InUse(Arc<Open>);
+
+impl InUse {
+    fn new(open: &Arc<Open>) -> Self {
+        open.in_use.fetch_add(1, Ordering::AcqRel);
+        Self(open.clone())
+    }
+}
+
+impl Drop for InUse {
+    fn drop(&mut self) {
+        self.0.in_use.fetch_sub(1, Ordering::AcqRel);
+    }
+}
+
+/// Leave to call what takes the lock that Linux has for each device. While Linux waits for a silent device with that lock, others must
+/// not even submit a request: they would wait as long.
+struct Turn(InUse);
+
+impl Turn {
+    fn take(open: &Arc<Open>, limit: Duration) -> Result<Self, Code> {
+        let wait = open.turn_ended.wait_timeout_while(lock(&open.turn), limit, |taken| *taken);
+        let mut taken = wait.unwrap_or_else(PoisonError::into_inner).0;
+        if std::mem::replace(&mut *taken, true) { Err(Code::LATE) } else { Ok(Self(InUse::new(open))) }
+    }
+}
+
+impl Drop for Turn {
+    fn drop(&mut self) {
+        let open = &self.0.0;
+        *lock(&open.turn) = false;
+        open.turn_ended.notify_one();
+    }
+}
+
 /// An open device with the thread that runs its events. Dropping it closes the device.
 pub(crate) struct Handle {
     open: Arc<Open>,
     events: Option<JoinHandle<()>>,
-
-    /// A duplicate of the descriptor it was opened by, closed after the device.
-    fd: Option<OwnedFd>,
 }
 
 impl Handle {
@@ -213,12 +270,19 @@ impl Handle {
         // Where the kernel's own driver holds an interface it is put aside while we have it. Not supported everywhere.
         // SAFETY: the handle is open.
         unsafe { ffi::libusb_set_auto_detach_kernel_driver(raw.as_ptr(), 1) };
-        let open =
-            Arc::new(Open { raw, context, in_flight: AtomicUsize::new(0), ending: AtomicBool::new(false) });
-        let mut handle = Self { open: open.clone(), events: None, fd };
+        let open = Arc::new(Open {
+            raw,
+            context,
+            in_use: AtomicUsize::new(0),
+            ending: AtomicBool::new(false),
+            turn: Mutex::new(false),
+            turn_ended: Condvar::new(),
+            _fd: fd,
+        });
+        let mut handle = Self { open: open.clone(), events: None };
         let run = move || {
             let nap = libc::timeval { tv_sec: 0, tv_usec: EVENT_NAP.as_micros() as libc::suseconds_t };
-            while !open.ending.load(Ordering::Acquire) {
+            while !open.ending.load(Ordering::Acquire) || open.in_use.load(Ordering::Acquire) > 0 {
                 // SAFETY: `open` keeps the context alive; `nap` lives during the call.
                 let code = unsafe {
                     ffi::libusb_handle_events_timeout_completed(
@@ -238,34 +302,53 @@ impl Handle {
         Ok(handle)
     }
 
-    fn raw(&self) -> *mut ffi::libusb_device_handle {
-        self.open.raw.as_ptr()
-    }
-
     pub fn claim(&self, interface: u8) -> Result<(), Code> {
         // SAFETY: the handle is open.
-        Code::check(unsafe { ffi::libusb_claim_interface(self.raw(), interface.into()) }).map(drop)
+        self.call(CLAIM_LIMIT, move |raw| unsafe { ffi::libusb_claim_interface(raw, interface.into()) })
     }
 
     pub fn release(&self, interface: u8) -> Result<(), Code> {
         // SAFETY: the handle is open.
-        Code::check(unsafe { ffi::libusb_release_interface(self.raw(), interface.into()) }).map(drop)
+        self.call(KERNEL_LIMIT, move |raw| unsafe { ffi::libusb_release_interface(raw, interface.into()) })
     }
 
     pub fn set_alternate(&self, interface: u8, setting: u8) -> Result<(), Code> {
-        // SAFETY: the handle is open.
-        Code::check(unsafe {
-            ffi::libusb_set_interface_alt_setting(self.raw(), interface.into(), setting.into())
+        self.call(KERNEL_LIMIT, move |raw| {
+            // SAFETY: the handle is open.
+            unsafe { ffi::libusb_set_interface_alt_setting(raw, interface.into(), setting.into()) }
         })
-        .map(drop)
     }
 
     pub fn clear_halt(&self, endpoint: u8) -> Result<(), Code> {
         // SAFETY: the handle is open.
-        Code::check(unsafe { ffi::libusb_clear_halt(self.raw(), endpoint) }).map(drop)
+        self.call(KERNEL_LIMIT, move |raw| unsafe { ffi::libusb_clear_halt(raw, endpoint) })
+    }
+
+    /// Makes a call in which Linux waits for the device. If it does not return in time it goes on without anybody waiting.
+    fn call(
+        &self,
+        limit: Duration,
+        call: impl FnOnce(*mut ffi::libusb_device_handle) -> c_int + Send + 'static,
+    ) -> Result<(), Code> {
+        let end = Instant::now() + limit;
+        let turn = Turn::take(&self.open, limit)?;
+        let (tell, told) = mpsc::channel();
+        let run = move || {
+            let code = call(turn.0.0.raw.as_ptr());
+            drop(turn); // before the caller goes on, who may close the device
+            tell.send(code).ok(); // the caller may have given up
+        };
+        let Ok(_detached) = std::thread::Builder::new().name("usb call".into()).spawn(run) else {
+            return Err(Code(ffi::constants::LIBUSB_ERROR_NO_MEM));
+        };
+        match told.recv_timeout(end.saturating_duration_since(Instant::now())) {
+            Ok(code) => Code::check(code).map(drop),
+            Err(_) => Err(Code::LATE),
+        }
     }
 
     /// A request on the control pipe. Returns the bytes that the device sent, or nothing for a request to the device.
+    /// Takes no longer than `limit`, or [`CLOSE_LIMIT`] more if Linux does not even take it back.
     pub fn control(
         &self,
         request_type: u8,
@@ -287,20 +370,21 @@ impl Handle {
         buffer.resize(SETUP_BYTES + length, 0);
         let mut transfer = Transfer::new(buffer, 0)?;
         transfer.kind = ffi::constants::LIBUSB_TRANSFER_TYPE_CONTROL;
-        transfer.limit_ms = c_uint::try_from(limit.as_millis()).unwrap_or(c_uint::MAX).max(1);
         // Its own queue: an answer that comes too late finds nobody and is freed.
         let queue = Queue::new();
+        let end = Instant::now() + limit;
+        let turn = Turn::take(&self.open, limit)?;
+        let left = end.saturating_duration_since(Instant::now());
+        transfer.limit_ms = c_uint::try_from(left.as_millis()).unwrap_or(c_uint::MAX).max(1);
         transfer.submit(&self.open, &queue).map_err(|(_, code)| code)?;
-        // libusb ends it after `limit`; if even that fails, no longer than CLOSE_LIMIT more.
-        let Some(done) = queue.pop(limit + CLOSE_LIMIT) else {
-            return Err(Code(ffi::constants::LIBUSB_ERROR_TIMEOUT));
-        };
+        drop(turn);
+        let Some(done) = queue.pop(left + CLOSE_LIMIT) else { return Err(Code::LATE) };
         match done.status() {
             Status::Completed => {
                 let got = done.actual_length().min(length);
                 Ok(done.buffer[SETUP_BYTES..SETUP_BYTES + got].to_vec())
             }
-            Status::TimedOut => Err(Code(ffi::constants::LIBUSB_ERROR_TIMEOUT)),
+            Status::TimedOut => Err(Code::LATE),
             Status::Stall => Err(Code(ffi::constants::LIBUSB_ERROR_PIPE)),
             Status::Gone | Status::Cancelled => Err(Code(ffi::constants::LIBUSB_ERROR_NO_DEVICE)),
             Status::Overflow => Err(Code(ffi::constants::LIBUSB_ERROR_OVERFLOW)),
@@ -316,20 +400,17 @@ impl Handle {
 
 impl Drop for Handle {
     fn drop(&mut self) {
-        let end = Instant::now() + CLOSE_LIMIT;
-        while self.open.in_flight.load(Ordering::Acquire) > 0 && Instant::now() < end {
-            std::thread::sleep(Duration::from_millis(1));
-        }
         self.open.ending.store(true, Ordering::Release);
         // SAFETY: the context is alive.
         unsafe { ffi::libusb_interrupt_event_handler(self.open.context.0.as_ptr()) };
-        drop(self.events.take().map(JoinHandle::join)); // it has nothing that could panic
-        if self.open.in_flight.load(Ordering::Acquire) > 0 {
-            std::mem::forget((self.open.clone(), self.fd.take()));
-            return;
+        let end = Instant::now() + CLOSE_LIMIT;
+        let Some(events) = self.events.take() else { return };
+        while !events.is_finished() && Instant::now() < end {
+            std::thread::sleep(Duration::from_millis(1));
         }
-        // SAFETY: no transfer is in flight, the event thread has ended, and nothing else has the raw handle.
-        unsafe { ffi::libusb_close(self.raw()) };
+        if events.is_finished() {
+            drop(events.join()); // it has nothing that could panic
+        }
     }
 }
 
@@ -379,8 +460,8 @@ pub(crate) struct Transfer {
     limit_ms: c_uint,
     packets: usize,
     packet_bytes: usize,
-    /// Where it goes when it is done, and the count it was added to.
-    flight: Option<(Weak<Queue>, Arc<Open>)>,
+    /// Where it goes when it is done, and what keeps the device open until then.
+    flight: Option<(Weak<Queue>, InUse)>,
 }
 
 // SAFETY: the raw transfer is owned by this value alone; libusb does not tie transfers to threads.
@@ -419,8 +500,7 @@ impl Transfer {
     }
 
     fn submit(mut self: Box<Self>, open: &Arc<Open>, queue: &Arc<Queue>) -> Result<(), (Box<Self>, Code)> {
-        self.flight = Some((Arc::downgrade(queue), open.clone()));
-        open.in_flight.fetch_add(1, Ordering::AcqRel);
+        self.flight = Some((Arc::downgrade(queue), InUse::new(open)));
         let raw = self.raw;
         let length = c_int::try_from(self.buffer.len()).unwrap_or(c_int::MAX); // buffers are far below 2 GB
         lock(&queue.state).alive.push(Name(raw));
@@ -445,7 +525,6 @@ impl Transfer {
         match Code::check(code) {
             Ok(_) => Ok(()),
             Err(code) => {
-                open.in_flight.fetch_sub(1, Ordering::AcqRel);
                 lock(&queue.state).alive.retain(|name| name.0 != raw);
                 // SAFETY: libusb refused the transfer, so its callback will never run and the box is ours again.
                 let mut back = unsafe { Box::from_raw(whole) };
@@ -501,12 +580,11 @@ unsafe impl Send for Name {}
 extern "system" fn finished(raw: *mut ffi::libusb_transfer) {
     // SAFETY: `user_data` is the box that `submit` turned into a pointer; libusb calls this once for each submission.
     let mut transfer = unsafe { Box::from_raw((*raw).user_data.cast::<Transfer>()) };
-    if let Some((queue, open)) = transfer.flight.take() {
+    if let Some((queue, _in_use)) = transfer.flight.take() {
         match queue.upgrade() {
             Some(queue) => queue.push(transfer),
             None => drop(transfer),
         }
-        open.in_flight.fetch_sub(1, Ordering::AcqRel);
     }
 }
 

@@ -9,7 +9,7 @@ use std::ffi::c_int;
 use std::io::{Read, Write};
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
 use std::sync::{Arc, Mutex, MutexGuard};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 pub use sys::Urb;
 use sys::{BULK, CONTROL, ISOCHRONOUS, Request};
 
@@ -38,6 +38,8 @@ pub struct Plan {
     pub control: Box<dyn FnMut(Setup) -> Option<c_int> + Send>,
     /// Alternate settings above this one find no room on the bus.
     pub room_for: u8,
+    /// For so long Linux waits for the head to set an interface or clear a halt; if it is not zero, in vain.
+    pub waits: Duration,
 }
 
 impl Default for Plan {
@@ -47,6 +49,7 @@ impl Default for Plan {
             finish: Box::new(|_| None),
             control: Box::new(|_| None),
             room_for: u8::MAX,
+            waits: Duration::ZERO,
         }
     }
 }
@@ -66,6 +69,8 @@ pub struct State {
 /// A fake device.
 pub struct Bus {
     pub state: Mutex<State>,
+    /// Linux has a lock for each device, which it keeps while it waits for the device.
+    lock_of_linux: Mutex<()>,
     fd: OwnedFd,
     event: OwnedFd,
     identity: (u64, u64),
@@ -112,6 +117,7 @@ pub fn plug(head: SoftwareHead, plan: Plan) -> Plugged {
     let identity = sys::identity(fd.as_raw_fd());
     let bus = Arc::new(Bus {
         state: Mutex::new(state),
+        lock_of_linux: Mutex::new(()),
         fd,
         event: sys::eventfd(),
         identity,
@@ -155,6 +161,12 @@ impl Bus {
 
     /// What ioctl returns, or an error number.
     fn request(&self, request: Request<'_>) -> Result<c_int, c_int> {
+        let _held = self.lock_of_linux.lock().unwrap();
+        let waits = self.lock().plan.waits;
+        if !waits.is_zero() && matches!(request, Request::SetInterface(_) | Request::ClearHalt) {
+            std::thread::sleep(waits);
+            return Err(libc::ETIMEDOUT);
+        }
         let now = self.since.elapsed();
         let mut state = self.lock();
         let result = match request {
@@ -257,7 +269,7 @@ impl State {
     }
 
     /// Ends what can be ended.
-    fn serve(&mut self, now: std::time::Duration) {
+    fn serve(&mut self, now: Duration) {
         let mut waiting = VecDeque::new();
         while let Some(urb) = self.pending.pop_front() {
             let served = match urb.kind() {
@@ -281,7 +293,7 @@ impl State {
         }
     }
 
-    fn control(&mut self, urb: Urb, now: std::time::Duration) -> bool {
+    fn control(&mut self, urb: Urb, now: Duration) -> bool {
         let buffer = urb.buffer();
         let (setup, data) = buffer.split_first_chunk_mut::<8>().unwrap();
         let setup = Setup::parse(setup);
@@ -305,7 +317,7 @@ impl State {
         true
     }
 
-    fn bulk(&mut self, urb: Urb, now: std::time::Duration) -> bool {
+    fn bulk(&mut self, urb: Urb, now: Duration) -> bool {
         if self.halted {
             urb.finish(-libc::EPIPE, 0);
             return true;
@@ -333,7 +345,7 @@ impl State {
         true
     }
 
-    fn isochronous(&mut self, urb: Urb, now: std::time::Duration) -> bool {
+    fn isochronous(&mut self, urb: Urb, now: Duration) -> bool {
         let buffer = urb.buffer();
         let mut start = 0;
         let mut anything = false;
