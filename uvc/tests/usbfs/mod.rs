@@ -4,7 +4,7 @@
 mod sys;
 
 use boxline_uvc::emulator::{Answer, Setup, SoftwareHead};
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::ffi::c_int;
 use std::io::{Read, Write};
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
@@ -63,6 +63,8 @@ pub struct State {
     halted: bool,
     submitted: u64,
     finished: u64,
+    /// Where the blocks of the stream that were taken put their data: which transfers there are.
+    buffers: BTreeSet<usize>,
     pub claims: i32,
 }
 
@@ -112,6 +114,7 @@ pub fn plug(head: SoftwareHead, plan: Plan) -> Plugged {
         halted: false,
         submitted: 0,
         finished: 0,
+        buffers: BTreeSet::new(),
         claims: 0,
     };
     let identity = sys::identity(fd.as_raw_fd());
@@ -256,6 +259,12 @@ impl State {
         }
     }
 
+    /// Nothing more comes, and whatever came was taken: all transfers of the stream are queued again, and none can end.
+    pub fn is_still(&self) -> bool {
+        let queued = self.pending.iter().filter(|urb| urb.kind() != CONTROL).count();
+        queued > 0 && queued == self.buffers.len() && self.done.is_empty()
+    }
+
     fn submit(&mut self, urb: Urb) -> Result<c_int, c_int> {
         if urb.kind() != CONTROL {
             let number = self.submitted;
@@ -263,6 +272,7 @@ impl State {
             if let Some(error) = (self.plan.submit)(number) {
                 return Err(error);
             }
+            self.buffers.insert(urb.buffer().as_ptr() as usize);
         }
         self.pending.push_back(urb);
         Ok(0)
