@@ -2,8 +2,7 @@
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     println!("cargo:rerun-if-changed=boxline.proto");
-    println!("cargo:rerun-if-changed=head.proto");
-    let descriptors = protox::compile(["boxline.proto", "head.proto"], ["."])?;
+    let descriptors = protox::compile(["boxline.proto"], ["."])?;
     prost_build::Config::new().compile_fds(descriptors)?;
     Ok(())
 }

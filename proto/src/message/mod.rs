@@ -10,7 +10,7 @@ use boxline::{BoxReport, Calibration, Error, ErrorKind};
 use prost::Message;
 use std::path::Path;
 
-/// The generated types of `boxline.proto` and `head.proto`.
+/// The generated types of `boxline.proto`.
 pub mod v1 {
     // Documented in the schema, whose comments are not all markdown.
     #![allow(missing_docs, clippy::all, rustdoc::all)]
