@@ -10,6 +10,7 @@ use crate::calibration::Calibration;
 use crate::face::outline::RoughRectangle;
 use crate::image::Frame;
 use crate::units::Px;
+use std::sync::LazyLock;
 
 /// A point on a side of the face.
 #[derive(Clone, Copy, Debug)]
@@ -39,6 +40,24 @@ pub(crate) type Tone = [f32; 2];
 /// The tone at a sub-pixel position.
 #[inline]
 pub(crate) fn tone(frame: &Frame, u: f64, v: f64) -> Option<Tone> {
+    tone_of(frame, u, v, f32::from)
+}
+
+/// The tone in linear light, full scale 255. A blurred step lies where light is half way between its sides; the tone curve
+/// moves that towards the dark side, by up to a pixel.
+#[inline]
+pub(crate) fn light(frame: &Frame, u: f64, v: f64) -> Option<Tone> {
+    static LINEAR: LazyLock<[f32; 256]> = LazyLock::new(|| {
+        std::array::from_fn(|level| {
+            let c = level as f32 / 255.0;
+            255.0 * if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }
+        })
+    });
+    tone_of(frame, u, v, |level| LINEAR[usize::from(level)])
+}
+
+#[inline]
+fn tone_of(frame: &Frame, u: f64, v: f64, value: impl Fn(u8) -> f32) -> Option<Tone> {
     let (w, h) = (frame.width_px(), frame.height_px());
     if !(u >= 0.0 && v >= 0.0) {
         return None;
@@ -56,8 +75,7 @@ pub(crate) fn tone(frame: &Frame, u: f64, v: f64) -> Option<Tone> {
         ((y + 1) * w + x, (1.0 - fu) * fv),
         ((y + 1) * w + x + 1, fu * fv),
     ] {
-        let p = &rgb[index * 3..index * 3 + 3];
-        let (red, green, blue) = (f32::from(p[0]), f32::from(p[1]), f32::from(p[2]));
+        let [red, green, blue] = [0, 1, 2].map(|c| value(rgb[index * 3 + c]));
         result[0] += weight * 0.5 * (green + blue);
         result[1] += weight * 0.5 * (red - blue);
     }

@@ -1,6 +1,6 @@
 //! The sub-pixel course of each side: gradient extremes along the normals of the predicted side (the default detector).
 
-use super::{EdgeDetector, EdgePoint, Tone, noise_of, tone};
+use super::{EdgeDetector, EdgePoint, Tone, light, noise_of, tone};
 use crate::calibration::Calibration;
 use crate::face::outline::{RoughRectangle, SIDES};
 use crate::image::Frame;
@@ -42,6 +42,8 @@ struct Profile {
     /// Position along the side, 0 to 1.
     along: f64,
     tone: [Tone; N],
+    /// The same in linear light.
+    light: [Tone; N],
 }
 
 impl Profile {
@@ -97,6 +99,7 @@ fn profiles(
     let mut result = Vec::with_capacity(groups);
     for group in 0..groups {
         let mut sum = [[0f32; 2]; N];
+        let mut lin = [[0f32; 2]; N];
         let mut middle = Px::new(0.0, 0.0);
         let mut normal = (0.0, 0.0);
         let mut good = true;
@@ -123,13 +126,17 @@ fn profiles(
                     }
                     None => good = false,
                 }
+                if let Some([y, c]) = light(frame, p.u + n.0 * t, p.v + n.1 * t) {
+                    lin[i][0] += y / GROUP as f32;
+                    lin[i][1] += c / GROUP as f32;
+                }
             }
             middle = Px::new(middle.u + p.u / GROUP as f64, middle.v + p.v / GROUP as f64);
             normal = n;
         }
         if good {
             let along = (group as f64 + 0.5) / groups as f64;
-            result.push(Profile { middle, normal, along, tone: sum });
+            result.push(Profile { middle, normal, along, tone: sum, light: lin });
         }
     }
     result
@@ -137,18 +144,22 @@ fn profiles(
 
 /// Each profile averaged with its neighbours along the side; all follow the same predicted line.
 fn averaged(profiles: &[Profile], window: usize) -> Vec<Profile> {
-    let mean = |i: usize| {
+    let mean = |i: usize, of: fn(&Profile) -> &[Tone; N]| {
         let (lo, hi) = (i.saturating_sub(window / 2), (i + window / 2 + 1).min(profiles.len()));
         let mut tone = [[0f32; 2]; N];
         for p in &profiles[lo..hi] {
-            for (sum, t) in tone.iter_mut().zip(&p.tone) {
+            for (sum, t) in tone.iter_mut().zip(of(p)) {
                 sum[0] += t[0] / (hi - lo) as f32;
                 sum[1] += t[1] / (hi - lo) as f32;
             }
         }
         tone
     };
-    profiles.iter().enumerate().map(|(i, p)| Profile { tone: mean(i), ..*p }).collect()
+    profiles
+        .iter()
+        .enumerate()
+        .map(|(i, p)| Profile { tone: mean(i, |p| &p.tone), light: mean(i, |p| &p.light), ..*p })
+        .collect()
 }
 
 /// Difference of neighbours one px to each side.
@@ -162,13 +173,13 @@ fn gradient(value: &[f32; N]) -> [f32; N] {
 
 /// Fisher's direction for a step at `expected`: difference of the means 2 to 5 px to both sides over the squared noise,
 /// scaled to unit length.
-fn mixture(p: &Profile, expected: f64, noises: [f32; 2]) -> [f32; 2] {
+fn mixture(tone: &[Tone; N], expected: f64, noises: [f32; 2]) -> [f32; 2] {
     let middle = expected.round() as usize;
     let (near, far) = (2 * PER_PX, 5 * PER_PX);
     let weights = [0, 1].map(|c| {
         let mean = |range: std::ops::Range<usize>| {
             let n = range.len().max(1) as f32;
-            range.map(|i| p.tone[i][c]).sum::<f32>() / n
+            range.map(|i| tone[i][c]).sum::<f32>() / n
         };
         let before = mean(middle.saturating_sub(far)..middle.saturating_sub(near));
         let after = mean((middle + near).min(N)..(middle + far).min(N));
@@ -233,7 +244,7 @@ fn points_on_line(profiles: &[Profile], window: usize) -> Vec<EdgePoint> {
         let expected = line(p) + shift;
         // The mixture of both channels in which this edge stands out most against their noise.
         let mixture = match kind {
-            Kind::Step => mixture(p, expected, noises),
+            Kind::Step => mixture(&p.tone, expected, noises),
             Kind::DarkLine => [1.0, 0.0],
         };
         let value = p.tone.map(|t| t[0] * mixture[0] + t[1] * mixture[1]);
@@ -261,11 +272,28 @@ fn points_on_line(profiles: &[Profile], window: usize) -> Vec<EdgePoint> {
         if height < min_step.max(MIN_STEP_SIGMAS * noise) {
             continue;
         }
-        let index = top as f64 + f64::from(0.5 * (l - r) / curvature);
+        let mut index = top as f64 + f64::from(0.5 * (l - r) / curvature).clamp(-1.0, 1.0);
+        if kind == Kind::Step {
+            let Some(found) = step_in_light(p, index) else { continue };
+            index = found;
+        }
         let sigma_px = 0.5 * f64::from(noise / height).max(0.2) * correlation;
         points.push(EdgePoint { at: p.at(index), sigma_px });
     }
     points
+}
+
+/// Where the step near `index` lies in linear light.
+fn step_in_light(p: &Profile, index: f64) -> Option<f64> {
+    const NEAR: f64 = 1.5 * PER_PX as f64;
+    let mixture = mixture(&p.light, index, [1.0; 2]);
+    let g = gradient(&p.light.map(|t| t[0] * mixture[0] + t[1] * mixture[1])).map(f32::abs);
+    let lo = (index - NEAR).ceil().max(PER_PX as f64 + 1.0) as usize;
+    let hi = ((index + NEAR).floor() as usize).min(N - PER_PX - 2);
+    let top = (lo..=hi).max_by(|a, b| g[*a].total_cmp(&g[*b]))?;
+    let (l, c, r) = (g[top - 1], g[top], g[top + 1]);
+    let curvature = l + r - 2.0 * c;
+    (curvature < 0.0).then(|| top as f64 + f64::from(0.5 * (l - r) / curvature).clamp(-1.0, 1.0))
 }
 
 /// Whether the mean profile along the line shows a step or a dark line, and how far from the line that lies (samples).

@@ -32,8 +32,10 @@ const RADIUS_MM: (f64, f64) = (1.68, 0.98);
 /// The strongest gradient on a crease lies this share of the radius inside the sharp edge where its rounding looks straight
 /// at the viewer's half; the light decides where on the rounding it really is. Rendered boxes: 0.1 to 0.3, scatter 0.35.
 const CREASE_SHARE: (f64, f64) = (0.29, 0.35);
-/// Scatter of a silhouette about the touching ray, in radii: shading before it, a neighbour of the same brightness behind.
-const SILHOUETTE_SHARE_SIGMA: f64 = 0.2;
+/// The strongest gradient of a silhouette lies this share of the radius inside the touching ray, since the rounding's
+/// shading begins before it ends; and the scatter of that: shading, a neighbour of the same brightness behind. Means over
+/// the sides of rendered boxes.
+const SILHOUETTE_SHARE: (f64, f64) = (0.1, 0.2);
 /// Stripe points up to this far behind the face are used, mm: nearer ones lie on the rounding, farther ones only tell of
 /// the neighbouring face's own angle.
 const DEPTH_MM: (f64, f64) = (5.0, 120.0);
@@ -109,7 +111,7 @@ fn from_radius(fit: &FittedRectangle, side: usize) -> Correction {
         (CREASE_SHARE.0 * (1.0 + tan).max(0.0), CREASE_SHARE.1)
     } else {
         // Silhouette: the ray that touches the rounding meets the face's plane r (1 + tan - 1 / cos) inside the edge.
-        (1.0 + tan - (1.0 + tan * tan).sqrt(), SILHOUETTE_SHARE_SIGMA)
+        (1.0 + tan - (1.0 + tan * tan).sqrt() + SILHOUETTE_SHARE.0, SILHOUETTE_SHARE.1)
     };
     let sigma_mm = (share * radius_sigma).hypot(share_sigma * radius);
     Correction { outwards_mm: share * radius, sigma_mm, measured: false }
