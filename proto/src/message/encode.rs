@@ -17,7 +17,7 @@ pub(super) fn report(report: &BoxReport, frame_ids: [&str; 2]) -> v1::BoxReport 
     v1::BoxReport { outcome: outcome.into(), sides: measured, candidates, reject: rejected, faces }
 }
 
-fn face(outcome: &FaceOutcome, frame_id: &str) -> v1::Face {
+pub(super) fn face(outcome: &FaceOutcome, frame_id: &str) -> v1::Face {
     let frame = frame_id.to_owned();
     match outcome {
         FaceOutcome::Measured(face) => v1::Face {

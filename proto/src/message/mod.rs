@@ -6,7 +6,7 @@
 mod decode;
 mod encode;
 
-use boxline::{BoxReport, Calibration, Error, ErrorKind};
+use boxline::{BoxReport, Calibration, Error, ErrorKind, FaceOutcome};
 use prost::Message;
 use std::path::Path;
 
@@ -21,6 +21,12 @@ pub mod v1 {
 #[must_use]
 pub fn encode_report(report: &BoxReport, frame_ids: [&str; 2]) -> Vec<u8> {
     encode::report(report, frame_ids).encode_to_vec()
+}
+
+/// What a head sees, as bytes of `boxline.v1.LiveView`.
+#[must_use]
+pub fn encode_live_view(face: &FaceOutcome, steady: bool, frame: u64) -> Vec<u8> {
+    v1::LiveView { face: Some(encode::face(face, "")), steady, frame }.encode_to_vec()
 }
 
 /// A report and its frames' ids from bytes of `boxline.v1.BoxReport`.

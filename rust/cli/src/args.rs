@@ -336,6 +336,7 @@ impl How {
             edges: self.edges.into(),
             choose: choose.map(|number| usize::from(number).saturating_sub(1)),
             network: network.map(|n| n as &dyn Network),
+            ..Settings::default()
         }
     }
 }

@@ -20,6 +20,8 @@ pub enum ErrorKind {
     NetworkRuntime,
     /// Reading or writing failed.
     Io,
+    /// The caller asked to stop ([`crate::Settings::cancelled`]).
+    Cancelled,
 }
 
 /// A broken input: what, and why.

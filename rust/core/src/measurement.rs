@@ -4,6 +4,7 @@ use crate::frames::{Cam, Plane, Point};
 use crate::network::Network;
 use crate::reject::Reject;
 use crate::units::{Estimate, Px, Volume};
+use std::sync::atomic::AtomicBool;
 
 /// How the sides are computed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -39,6 +40,8 @@ pub struct Settings<'a> {
     pub choose: Option<usize>,
     /// The network for [`EdgeMethod::Net`] and [`EdgeMethod::Hough`].
     pub network: Option<&'a dyn Network>,
+    /// Becomes true when the result is not wanted any more; looked at between stages.
+    pub cancelled: Option<&'a AtomicBool>,
 }
 
 impl std::fmt::Debug for Settings<'_> {

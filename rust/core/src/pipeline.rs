@@ -18,6 +18,7 @@ use crate::rectangle::hypothesize::{Which, cut_by_border, hypothesize, limits, s
 use crate::reject::Reject;
 use crate::stripe::grid_search::{self, Evidence, GridHypothesis};
 use crate::units::LaserId;
+use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 /// Planes that are tried, strongest first.
@@ -50,7 +51,7 @@ impl Clock<'_> {
 /// Measures one face. The nanoseconds of each stage are added to `times`.
 ///
 /// # Errors
-/// [`ErrorKind::CalibrationMismatch`] if the frame's size is not the calibration's.
+/// [`ErrorKind::CalibrationMismatch`] if the frame's size is not the calibration's; [`ErrorKind::Cancelled`].
 pub fn measure_face(
     frame: &Frame,
     calibration: &Calibration,
@@ -71,10 +72,14 @@ pub fn measure_face(
             ),
         ));
     }
+    check_wanted(settings)?;
     let mut clock = Clock { since: Instant::now(), times };
     let maps = asked_network(settings).map(|network| network.maps(frame)).transpose()?;
     clock.lap("network");
-    Ok(match face_stages(frame, calibration, settings, maps.as_ref(), Which::Best, &mut clock) {
+    check_wanted(settings)?;
+    let faces = face_stages(frame, calibration, settings, maps.as_ref(), Which::Best, &mut clock);
+    check_wanted(settings)?; // what was cut short is no result
+    Ok(match faces {
         Ok(faces) => faces
             .into_iter()
             .next()
@@ -83,6 +88,14 @@ pub fn measure_face(
             }),
         Err(reject) => FaceOutcome::Rejected(reject),
     })
+}
+
+fn unwanted(settings: &Settings) -> bool {
+    settings.cancelled.is_some_and(|cancelled| cancelled.load(Ordering::Relaxed))
+}
+
+fn check_wanted(settings: &Settings) -> Result<(), Error> {
+    if unwanted(settings) { Err(Error::new(ErrorKind::Cancelled, "cancelled")) } else { Ok(()) }
 }
 
 /// The network, if this way of finding edges asks one.
@@ -109,7 +122,7 @@ fn face_stages(
     let planes = grid_search::find_planes(calibration, &evidence, PLANES);
     clock.lap("grid");
     let mut refusal: Option<(f32, Reject)> = None;
-    for hypothesis in &planes {
+    for hypothesis in planes.iter().take_while(|_| !unwanted(settings)) {
         let result = measure_on_plane(frame, calibration, settings, maps, hypothesis, which, clock);
         match result {
             Ok(faces) => return Ok(faces),

@@ -2,29 +2,96 @@
 //!
 //! | Happens | Java sees |
 //! |---|---|
-//! | the calibration is broken, or the frames have another size | `dev.boxline.ScannerConfigException` |
+//! | the calibration is broken, of another head, or for frames of another size; the network does not load | `dev.boxline.ScannerConfigException` |
 //! | a frame is not a whole JPEG | `dev.boxline.InvalidFrameException` |
+//! | the head is gone, busy, silent, ... | `dev.boxline.DeviceException` with the name of a `DeviceCause` |
 //! | a handle is closed or never was | `IllegalStateException` |
 //! | an argument is null, a buffer is not direct | `NullPointerException`, `IllegalArgumentException` |
+//! | the stop sign was set | `java.util.concurrent.CancellationException` |
 //! | a panic | `dev.boxline.NativeBugException`; the process lives |
 //!
-//! All functions may be called from any thread. A view that cannot be measured is a result, not an exception.
+//! All functions may be called from any thread. A view that cannot be measured is a result, not an exception. Handles are
+//! never 0; closing one twice does nothing, and calls that are running finish. Where a function takes a `stop`, it is a
+//! handle of `newStop`, or 0 for none.
 #![allow(unsafe_code)] // exporting a symbol counts as unsafe: two libraries could export the same one
 
 use crate::buffer::{bytes_of_array, bytes_of_buffer};
 use crate::guard::{Failure, guard};
 use crate::handles::Handles;
-use boxline::{Calibration, Frame, Settings, StageTimes};
-use boxline_proto::json::parse_calibration;
-use boxline_proto::message::encode_report;
-use jni::objects::{JByteArray, JByteBuffer, JClass};
-use jni::sys::jlong;
+use crate::logging;
+use crate::measure::{
+    STOPS, load_network, measure_box as measure_pair, measure_face, network_name, stop_sign,
+};
+use crate::recording::read_pair;
+use crate::session::{Captured, FRAMES, HEADS, Head, check_serial};
+use boxline::{Calibration, Frame};
+use boxline_proto::json::{parse_calibration, report_json};
+use boxline_proto::message::{decode_report, encode_live_view, encode_report};
+use jni::objects::{JByteArray, JByteBuffer, JClass, JLongArray, JObject, JString};
+use jni::sys::{jboolean, jint, jlong};
 use jni::{EnvUnowned, jni_mangle};
+use std::num::NonZeroUsize;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 static CALIBRATIONS: Handles<Calibration> = Handles::new();
 
-/// `static native long openCalibration(byte[] json)`: reads a `calibration.json`. The handle is never 0 and must be
-/// closed.
+/// What the two frames of a pair are called in a report.
+const PAIR: [&str; 2] = ["a", "b"];
+
+/// `static native void start(int logLevel, int threads)`: starts the log (0 off to 4 details) and loads the network with
+/// so many threads (0: as the machine has, at most four). The first call counts, later ones change the log's level only.
+#[jni_mangle("dev.boxline.internal.Native")]
+pub extern "system" fn start<'local>(
+    env: EnvUnowned<'local>,
+    _class: JClass<'local>,
+    log_level: jint,
+    threads: jint,
+) {
+    guard(env, |_| {
+        let threads = usize::try_from(threads)
+            .map_err(|e| Failure::Argument(format!("threads {threads}: {e}")))
+            .map(NonZeroUsize::new)?;
+        logging::start(log_level);
+        load_network(threads)
+    })
+}
+
+/// `static native String version()`: version, processor and what runs the network, for reports of bugs.
+#[jni_mangle("dev.boxline.internal.Native")]
+pub extern "system" fn version<'local>(env: EnvUnowned<'local>, _class: JClass<'local>) -> JString<'local> {
+    guard(env, |env| {
+        let (version, system) = (env!("CARGO_PKG_VERSION"), std::env::consts::OS);
+        let text =
+            format!("boxline {version}, {system} {}, network: {}", std::env::consts::ARCH, network_name()?);
+        Ok(env.new_string(text)?)
+    })
+}
+
+/// `static native void log(int level, String text)`: writes to the same log as this library.
+#[jni_mangle("dev.boxline.internal.Native")]
+pub extern "system" fn log<'local>(
+    env: EnvUnowned<'local>,
+    _class: JClass<'local>,
+    level: jint,
+    text: JString<'local>,
+) {
+    guard(env, |env| {
+        if text.is_null() {
+            return Err(Failure::Null("text"));
+        }
+        let text = text.try_to_string(env)?;
+        match level {
+            ..=1 => log::error!("{text}"),
+            2 => log::warn!("{text}"),
+            3 => log::info!("{text}"),
+            _ => log::debug!("{text}"),
+        }
+        Ok(())
+    })
+}
+
+/// `static native long openCalibration(byte[] json)`: reads a `calibration.json`.
 #[jni_mangle("dev.boxline.internal.Native")]
 pub extern "system" fn open_calibration<'local>(
     env: EnvUnowned<'local>,
@@ -37,8 +104,27 @@ pub extern "system" fn open_calibration<'local>(
     })
 }
 
-/// `static native void closeCalibration(long handle)`: lets go of a calibration. Closing twice does nothing; calls that
-/// are running finish.
+/// `static native long[] openRecording(String folder)`: the calibration and the first two lit frames of a recording, each to
+/// be closed.
+#[jni_mangle("dev.boxline.internal.Native")]
+pub extern "system" fn open_recording<'local>(
+    env: EnvUnowned<'local>,
+    _class: JClass<'local>,
+    folder: JString<'local>,
+) -> JLongArray<'local> {
+    guard(env, |env| {
+        if folder.is_null() {
+            return Err(Failure::Null("folder"));
+        }
+        let folder = folder.try_to_string(env)?;
+        let (calibration, [a, b]) = read_pair(Path::new(&folder))?;
+        let handles = env.new_long_array(3)?;
+        handles.set_region(env, 0, &[CALIBRATIONS.open(calibration), FRAMES.open(a), FRAMES.open(b)])?;
+        Ok(handles)
+    })
+}
+
+/// `static native void closeCalibration(long handle)`.
 #[jni_mangle("dev.boxline.internal.Native")]
 pub extern "system" fn close_calibration<'local>(
     env: EnvUnowned<'local>,
@@ -48,34 +134,291 @@ pub extern "system" fn close_calibration<'local>(
     guard(env, |_| CALIBRATIONS.close(handle).map_err(Failure::Handle));
 }
 
-/// `static native byte[] measureBox(long handle, ByteBuffer frameA, ByteBuffer frameB)`: measures a box from two frames.
-/// Each buffer is direct and holds one JPEG from position to limit; both stay unchanged. Gives the bytes of a
+/// `static native long newStop()`: a sign that ends calls which were given it.
+#[jni_mangle("dev.boxline.internal.Native")]
+pub extern "system" fn new_stop<'local>(env: EnvUnowned<'local>, _class: JClass<'local>) -> jlong {
+    guard(env, |_| Ok(STOPS.open(AtomicBool::new(false))))
+}
+
+/// `static native void setStop(long stop)`: such calls end within some hundred milliseconds, with a `CancellationException`.
+#[jni_mangle("dev.boxline.internal.Native")]
+pub extern "system" fn set_stop<'local>(env: EnvUnowned<'local>, _class: JClass<'local>, stop: jlong) {
+    guard(env, |_| {
+        STOPS.get(stop).map_err(Failure::Handle)?.store(true, Ordering::SeqCst);
+        Ok(())
+    })
+}
+
+/// `static native void closeStop(long stop)`.
+#[jni_mangle("dev.boxline.internal.Native")]
+pub extern "system" fn close_stop<'local>(env: EnvUnowned<'local>, _class: JClass<'local>, stop: jlong) {
+    guard(env, |_| STOPS.close(stop).map_err(Failure::Handle));
+}
+
+/// `static native byte[] measureBox(long calibration, ByteBuffer frameA, ByteBuffer frameB, long stop)`: measures a box from
+/// two frames. Each buffer is direct and holds one JPEG from position to limit; both stay unchanged. Gives the bytes of a
 /// `boxline.v1.BoxReport` whose faces are called `a` and `b`.
 #[jni_mangle("dev.boxline.internal.Native")]
 pub extern "system" fn measure_box<'local>(
     env: EnvUnowned<'local>,
     _class: JClass<'local>,
-    handle: jlong,
+    calibration: jlong,
     frame_a: JByteBuffer<'local>,
     frame_b: JByteBuffer<'local>,
+    stop: jlong,
 ) -> JByteArray<'local> {
     guard(env, |env| {
-        let calibration = CALIBRATIONS.get(handle).map_err(Failure::Handle)?;
+        let calibration = CALIBRATIONS.get(calibration).map_err(Failure::Handle)?;
+        let stop = stop_sign(stop)?;
         let mut decode = |buffer, name| {
             let jpeg = bytes_of_buffer(env, buffer, name)?;
             Ok::<_, Failure>(Frame::from_jpeg(&jpeg).map_err(|e| e.in_context(name))?)
         };
         let (a, b) = (decode(&frame_a, "frameA")?, decode(&frame_b, "frameB")?);
-        let report =
-            boxline::measure_box(&a, &b, &calibration, &Settings::default(), &mut StageTimes::new())?;
-        Ok(env.byte_array_from_slice(&encode_report(&report, ["a", "b"]))?)
+        let report = measure_pair([&a, &b], &calibration, stop.as_deref())?;
+        Ok(env.byte_array_from_slice(&encode_report(&report, PAIR))?)
+    })
+}
+
+/// `static native byte[] viewFrame(long calibration, ByteBuffer frame, long stop)`: whether a face could be measured in this
+/// frame. Gives the bytes of a `boxline.v1.LiveView`.
+#[jni_mangle("dev.boxline.internal.Native")]
+pub extern "system" fn view_frame<'local>(
+    env: EnvUnowned<'local>,
+    _class: JClass<'local>,
+    calibration: jlong,
+    frame: JByteBuffer<'local>,
+    stop: jlong,
+) -> JByteArray<'local> {
+    guard(env, |env| {
+        let calibration = CALIBRATIONS.get(calibration).map_err(Failure::Handle)?;
+        let stop = stop_sign(stop)?;
+        let jpeg = bytes_of_buffer(env, &frame, "frame")?;
+        let frame = Frame::from_jpeg(&jpeg).map_err(|e| e.in_context("frame"))?;
+        let face = measure_face(&frame, &calibration, stop.as_deref())?;
+        Ok(env.byte_array_from_slice(&encode_live_view(&face, false, 0))?)
+    })
+}
+
+/// `static native String reportJson(byte[] report)`: a report as `boxline measure --json` prints it.
+#[jni_mangle("dev.boxline.internal.Native")]
+pub extern "system" fn report_json_text<'local>(
+    env: EnvUnowned<'local>,
+    _class: JClass<'local>,
+    report: JByteArray<'local>,
+) -> JString<'local> {
+    guard(env, |env| {
+        let (report, [a, b]) = decode_report(&bytes_of_array(env, &report, "report")?)?;
+        Ok(env.new_string(report_json(&report, [&a, &b]).to_string())?)
+    })
+}
+
+/// `static native long openHead(int fd)`: opens the head behind the descriptor of a `UsbDeviceConnection`. It is
+/// duplicated; close the head, then the connection.
+#[jni_mangle("dev.boxline.internal.Native")]
+pub extern "system" fn open_head<'local>(env: EnvUnowned<'local>, _class: JClass<'local>, fd: jint) -> jlong {
+    guard(env, |_| Ok(HEADS.open(Head::open(fd)?)))
+}
+
+/// `static native void closeHead(long head)`: lasers off, stream off, interfaces let go; takes at most some seconds.
+#[jni_mangle("dev.boxline.internal.Native")]
+pub extern "system" fn close_head<'local>(env: EnvUnowned<'local>, _class: JClass<'local>, head: jlong) {
+    guard(env, |_| HEADS.close(head).map_err(Failure::Handle));
+}
+
+/// `static native String headSerial(long head)`.
+#[jni_mangle("dev.boxline.internal.Native")]
+pub extern "system" fn head_serial<'local>(
+    env: EnvUnowned<'local>,
+    _class: JClass<'local>,
+    head: jlong,
+) -> JString<'local> {
+    guard(env, |env| {
+        let head = HEADS.get(head).map_err(Failure::Handle)?;
+        Ok(env.new_string(&head.serial)?)
+    })
+}
+
+/// `static native long openHeadCalibration(long head)`: the calibration stored in the head; close it as any other.
+#[jni_mangle("dev.boxline.internal.Native")]
+pub extern "system" fn open_head_calibration<'local>(
+    env: EnvUnowned<'local>,
+    _class: JClass<'local>,
+    head: jlong,
+) -> jlong {
+    guard(env, |_| {
+        let head = HEADS.get(head).map_err(Failure::Handle)?;
+        Ok(CALIBRATIONS.open(head.calibration()?))
+    })
+}
+
+/// `static native void startStream(long head)`: lasers on, stream on.
+#[jni_mangle("dev.boxline.internal.Native")]
+pub extern "system" fn start_stream<'local>(env: EnvUnowned<'local>, _class: JClass<'local>, head: jlong) {
+    guard(env, |_| HEADS.get(head).map_err(Failure::Handle)?.start())
+}
+
+/// `static native void stopStream(long head)`: lasers off, stream off; takes at most some seconds.
+#[jni_mangle("dev.boxline.internal.Native")]
+pub extern "system" fn stop_stream<'local>(env: EnvUnowned<'local>, _class: JClass<'local>, head: jlong) {
+    guard(env, |_| {
+        HEADS.get(head).map_err(Failure::Handle)?.stop();
+        Ok(())
+    })
+}
+
+/// `static native int lasers(long head)`: bit n: laser n + 1 is on.
+#[jni_mangle("dev.boxline.internal.Native")]
+pub extern "system" fn lasers<'local>(env: EnvUnowned<'local>, _class: JClass<'local>, head: jlong) -> jint {
+    guard(env, |_| HEADS.get(head).map_err(Failure::Handle)?.lasers())
+}
+
+/// `static native void setLasers(long head, int bits)`: bit n: laser n + 1. They go out by themselves 2 s after frames stop.
+#[jni_mangle("dev.boxline.internal.Native")]
+pub extern "system" fn set_lasers<'local>(
+    env: EnvUnowned<'local>,
+    _class: JClass<'local>,
+    head: jlong,
+    bits: jint,
+) {
+    guard(env, |_| HEADS.get(head).map_err(Failure::Handle)?.set_lasers(bits))
+}
+
+/// `static native byte[] liveView(long head, long calibration, long after, long stop)`: waits for a lit frame later than
+/// number `after` and looks whether its face can be measured. Gives the bytes of a `boxline.v1.LiveView`.
+#[jni_mangle("dev.boxline.internal.Native")]
+pub extern "system" fn live_view<'local>(
+    env: EnvUnowned<'local>,
+    _class: JClass<'local>,
+    head: jlong,
+    calibration: jlong,
+    after: jlong,
+    stop: jlong,
+) -> JByteArray<'local> {
+    guard(env, |env| {
+        let head = HEADS.get(head).map_err(Failure::Handle)?;
+        let calibration = CALIBRATIONS.get(calibration).map_err(Failure::Handle)?;
+        head.check_calibration(&calibration)?;
+        let stop = stop_sign(stop)?;
+        let after = u64::try_from(after).map_err(|e| Failure::Argument(format!("after {after}: {e}")))?;
+        let (number, frame) = head.lit_frame(after, stop.as_deref())?;
+        let frame = Frame::from_jpeg(&frame.jpeg)?;
+        let face = measure_face(&frame, &calibration, stop.as_deref())?;
+        let steady = head.steady(&face);
+        Ok(env.byte_array_from_slice(&encode_live_view(&face, steady, number))?)
+    })
+}
+
+/// `static native long captureFrame(long head, long stop)`: the next frame that all lasers lit, kept until `closeFrame`.
+#[jni_mangle("dev.boxline.internal.Native")]
+pub extern "system" fn capture_frame<'local>(
+    env: EnvUnowned<'local>,
+    _class: JClass<'local>,
+    head: jlong,
+    stop: jlong,
+) -> jlong {
+    guard(env, |_| {
+        let head = HEADS.get(head).map_err(Failure::Handle)?;
+        let stop = stop_sign(stop)?;
+        let (_, frame) = head.lit_frame(head.newest(), stop.as_deref())?;
+        Ok(FRAMES.open(Captured { jpeg: frame.jpeg.clone(), serial: head.serial.clone() }))
+    })
+}
+
+/// `static native void closeFrame(long frame)`.
+#[jni_mangle("dev.boxline.internal.Native")]
+pub extern "system" fn close_frame<'local>(env: EnvUnowned<'local>, _class: JClass<'local>, frame: jlong) {
+    guard(env, |_| FRAMES.close(frame).map_err(Failure::Handle));
+}
+
+/// `static native byte[] frameJpeg(long frame)`: the frame as the head sent it, for a record or an image file.
+#[jni_mangle("dev.boxline.internal.Native")]
+pub extern "system" fn frame_jpeg<'local>(
+    env: EnvUnowned<'local>,
+    _class: JClass<'local>,
+    frame: jlong,
+) -> JByteArray<'local> {
+    guard(env, |env| {
+        let frame = FRAMES.get(frame).map_err(Failure::Handle)?;
+        Ok(env.byte_array_from_slice(&frame.jpeg)?)
+    })
+}
+
+/// `static native byte[] viewCaptured(long calibration, long frame, long stop)`: as `viewFrame`, for a captured frame.
+#[jni_mangle("dev.boxline.internal.Native")]
+pub extern "system" fn view_captured<'local>(
+    env: EnvUnowned<'local>,
+    _class: JClass<'local>,
+    calibration: jlong,
+    frame: jlong,
+    stop: jlong,
+) -> JByteArray<'local> {
+    guard(env, |env| {
+        let calibration = CALIBRATIONS.get(calibration).map_err(Failure::Handle)?;
+        let frame = FRAMES.get(frame).map_err(Failure::Handle)?;
+        check_serial(&frame.serial, &calibration)?;
+        let stop = stop_sign(stop)?;
+        let face = measure_face(&Frame::from_jpeg(&frame.jpeg)?, &calibration, stop.as_deref())?;
+        Ok(env.byte_array_from_slice(&encode_live_view(&face, false, 0))?)
+    })
+}
+
+/// `static native byte[] measureFrames(long calibration, long frameA, long frameB, long stop)`: as `measureBox`, for captured
+/// frames.
+#[jni_mangle("dev.boxline.internal.Native")]
+pub extern "system" fn measure_frames<'local>(
+    env: EnvUnowned<'local>,
+    _class: JClass<'local>,
+    calibration: jlong,
+    frame_a: jlong,
+    frame_b: jlong,
+    stop: jlong,
+) -> JByteArray<'local> {
+    guard(env, |env| {
+        let calibration = CALIBRATIONS.get(calibration).map_err(Failure::Handle)?;
+        let stop = stop_sign(stop)?;
+        let frames = [frame_a, frame_b].map(|frame| {
+            let frame = FRAMES.get(frame).map_err(Failure::Handle)?;
+            check_serial(&frame.serial, &calibration)?;
+            Ok::<_, Failure>(Frame::from_jpeg(&frame.jpeg)?)
+        });
+        let [a, b] = frames;
+        let report = measure_pair([&a?, &b?], &calibration, stop.as_deref())?;
+        Ok(env.byte_array_from_slice(&encode_report(&report, PAIR))?)
+    })
+}
+
+/// `static native boolean showPreview(long head, Object surface)`: draws every frame into an `android.view.Surface` until
+/// null is given. False where there are no such surfaces, or if this one is gone.
+#[jni_mangle("dev.boxline.internal.Native")]
+pub extern "system" fn show_preview<'local>(
+    env: EnvUnowned<'local>,
+    _class: JClass<'local>,
+    head: jlong,
+    surface: JObject<'local>,
+) -> jboolean {
+    guard(env, |env| {
+        let head = HEADS.get(head).map_err(Failure::Handle)?;
+        #[cfg(target_os = "android")]
+        {
+            let window =
+                (!surface.is_null()).then(|| crate::window::Window::of_surface(env, &surface)).flatten();
+            let shown = window.is_some();
+            head.set_window(window);
+            Ok(shown)
+        }
+        #[cfg(not(target_os = "android"))]
+        {
+            let _unused = (env, head, surface);
+            Ok(false)
+        }
     })
 }
 
 /// Entry points of `dev.boxline.internal.NativeTesting`, which prove the guard from the Java side.
 #[cfg(feature = "testing")]
 pub mod testing {
-    use super::{CALIBRATIONS, Failure, guard};
+    use super::{CALIBRATIONS, FRAMES, Failure, HEADS, STOPS, guard};
     use crate::buffer::{bytes_of_array, bytes_of_buffer};
     use boxline::{Error, ErrorKind};
     use jni::objects::{JByteArray, JByteBuffer, JClass, JString};
@@ -143,18 +486,21 @@ pub mod testing {
                 2 => ErrorKind::InvalidFrame,
                 3 => ErrorKind::InvalidFile,
                 4 => ErrorKind::Io,
+                5 => ErrorKind::ModelFile,
+                6 => ErrorKind::NetworkRuntime,
+                7 => ErrorKind::Cancelled,
                 _ => return Err(Failure::Argument(format!("kind {kind} is not known"))),
             };
             Err(Error::new(kind, text.try_to_string(env)?).into())
         })
     }
 
-    /// `static native int openCalibrations()`: how many calibrations are open.
+    /// `static native int openHandles()`: how many calibrations, stop signs, heads and frames are open.
     #[jni_mangle("dev.boxline.internal.NativeTesting")]
-    pub extern "system" fn open_calibrations<'local>(
-        env: EnvUnowned<'local>,
-        _class: JClass<'local>,
-    ) -> jint {
-        guard(env, |_| jint::try_from(CALIBRATIONS.count()).map_err(|e| Failure::Argument(e.to_string())))
+    pub extern "system" fn open_handles<'local>(env: EnvUnowned<'local>, _class: JClass<'local>) -> jint {
+        guard(env, |_| {
+            let all = CALIBRATIONS.count() + STOPS.count() + HEADS.count() + FRAMES.count();
+            jint::try_from(all).map_err(|e| Failure::Argument(e.to_string()))
+        })
     }
 }

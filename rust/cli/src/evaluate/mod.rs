@@ -52,7 +52,7 @@ pub fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Finished> {
         let recorded = Recorded::read(recording, truth)?;
         for &method in methods {
             progress.set_message(recorded.name.clone());
-            let settings = Settings { method, edges: edges.into(), choose: None, network };
+            let settings = Settings { method, edges: edges.into(), network, ..Settings::default() };
             scores.push(recorded.judge(&calibration, &settings, method)?);
             progress.inc(1);
         }

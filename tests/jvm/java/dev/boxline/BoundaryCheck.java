@@ -50,9 +50,10 @@ public final class BoundaryCheck {
         check.run("wrong_arguments", check::wrongArguments);
         check.run("closed_handle", check::closedHandle);
         check.run("open_and_close_" + ROUNDS + "_times", check::openAndClose);
+        check.run("stop", check::stop);
         check.run("threads", () -> check.threads(measured));
         check.run("close_during_calls", () -> check.closeDuringCalls(measured));
-        check.run("nothing_left_open", () -> same(0, NativeTesting.openCalibrations()));
+        check.run("nothing_left_open", () -> same(0, NativeTesting.openHandles()));
     }
 
     private interface Body {
@@ -67,7 +68,7 @@ public final class BoundaryCheck {
     private byte[] measure() {
         long handle = Native.openCalibration(calibration);
         try {
-            return Native.measureBox(handle, frameA, frameB);
+            return Native.measureBox(handle, frameA, frameB, 0);
         } finally {
             Native.closeCalibration(handle);
         }
@@ -81,7 +82,7 @@ public final class BoundaryCheck {
         larger.limit(larger.position());
         larger.position(100);
         long handle = Native.openCalibration(calibration);
-        same(true, Arrays.equals(measured, Native.measureBox(handle, larger, frameB)));
+        same(true, Arrays.equals(measured, Native.measureBox(handle, larger, frameB, 0)));
         Native.closeCalibration(handle);
         same(100, larger.position());
         same(100 + frameA.capacity(), larger.limit());
@@ -114,11 +115,15 @@ public final class BoundaryCheck {
                 ScannerConfigException.class,
                 ScannerConfigException.class,
                 InvalidFrameException.class,
-                NativeBugException.class,
-                NativeBugException.class);
+                ScannerConfigException.class,
+                ScannerConfigException.class,
+                ScannerConfigException.class,
+                ScannerConfigException.class,
+                java.util.concurrent.CancellationException.class);
         for (int kind = 0; kind < byKind.size(); kind++) {
             int k = kind;
-            fails(byKind.get(kind), "camera.fx: 0 µm", () -> NativeTesting.failWith(k, "camera.fx: 0 µm"));
+            String text = kind < 7 ? "camera.fx: 0 µm" : "cancelled";
+            fails(byKind.get(kind), text, () -> NativeTesting.failWith(k, "camera.fx: 0 µm"));
         }
     }
 
@@ -137,7 +142,7 @@ public final class BoundaryCheck {
         }
         // Well-formed, but for another camera.
         long other = Native.openCalibration(text.replace("2592", "1296").getBytes(java.nio.charset.StandardCharsets.UTF_8));
-        failsWith(ScannerConfigException.class, "2592", () -> Native.measureBox(other, frameA, frameB));
+        failsWith(ScannerConfigException.class, "2592", () -> Native.measureBox(other, frameA, frameB, 0));
         Native.closeCalibration(other);
     }
 
@@ -148,8 +153,8 @@ public final class BoundaryCheck {
         ByteBuffer cut = direct(Arrays.copyOf(whole, whole.length / 2));
         ByteBuffer noise = direct("not a picture".getBytes());
         for (ByteBuffer broken : List.of(empty, cut, noise, frameA.duplicate().position(frameA.limit()))) {
-            failsWith(InvalidFrameException.class, "frameA: ", () -> Native.measureBox(handle, broken, frameB));
-            failsWith(InvalidFrameException.class, "frameB: ", () -> Native.measureBox(handle, frameA, broken));
+            failsWith(InvalidFrameException.class, "frameA: ", () -> Native.measureBox(handle, broken, frameB, 0));
+            failsWith(InvalidFrameException.class, "frameB: ", () -> Native.measureBox(handle, frameA, broken, 0));
         }
         Native.closeCalibration(handle);
     }
@@ -157,12 +162,12 @@ public final class BoundaryCheck {
     private void wrongArguments() {
         long handle = Native.openCalibration(calibration);
         fails(NullPointerException.class, "json is null", () -> Native.openCalibration(null));
-        fails(NullPointerException.class, "frameA is null", () -> Native.measureBox(handle, null, frameB));
-        fails(NullPointerException.class, "frameB is null", () -> Native.measureBox(handle, frameA, null));
+        fails(NullPointerException.class, "frameA is null", () -> Native.measureBox(handle, null, frameB, 0));
+        fails(NullPointerException.class, "frameB is null", () -> Native.measureBox(handle, frameA, null, 0));
         ByteBuffer onHeap = ByteBuffer.wrap(bytes(frameA));
         Class<IllegalArgumentException> wrong = IllegalArgumentException.class;
-        failsWith(wrong, "frameA is not a direct buffer", () -> Native.measureBox(handle, onHeap, frameB));
-        failsWith(wrong, "frameB is not a direct buffer", () -> Native.measureBox(handle, frameA, onHeap));
+        failsWith(wrong, "frameA is not a direct buffer", () -> Native.measureBox(handle, onHeap, frameB, 0));
+        failsWith(wrong, "frameB is not a direct buffer", () -> Native.measureBox(handle, frameA, onHeap, 0));
         Native.closeCalibration(handle);
     }
 
@@ -171,16 +176,16 @@ public final class BoundaryCheck {
         Native.closeCalibration(handle);
         Native.closeCalibration(handle); // does nothing
         Class<IllegalStateException> state = IllegalStateException.class;
-        fails(state, "handle " + handle + " is closed", () -> Native.measureBox(handle, frameA, frameB));
+        fails(state, "handle " + handle + " is closed", () -> Native.measureBox(handle, frameA, frameB, 0));
         for (long never : new long[] {0, -1, handle + 1, Long.MAX_VALUE, Long.MIN_VALUE}) {
             String text = "handle " + never + " was never opened";
-            fails(state, text, () -> Native.measureBox(never, frameA, frameB));
+            fails(state, text, () -> Native.measureBox(never, frameA, frameB, 0));
             fails(state, text, () -> Native.closeCalibration(never));
         }
         long next = Native.openCalibration(calibration);
-        fails(state, "handle " + handle + " is closed", () -> Native.measureBox(handle, frameA, frameB));
+        fails(state, "handle " + handle + " is closed", () -> Native.measureBox(handle, frameA, frameB, 0));
         Native.closeCalibration(handle); // must not close the new one
-        same(1, NativeTesting.openCalibrations());
+        same(1, NativeTesting.openHandles());
         Native.closeCalibration(next);
     }
 
@@ -190,17 +195,40 @@ public final class BoundaryCheck {
             for (int i = 0; i < 3; i++) {
                 handles.add(Native.openCalibration(calibration));
             }
-            same(3, NativeTesting.openCalibrations());
+            same(3, NativeTesting.openHandles());
             handles.forEach(Native::closeCalibration);
-            same(0, NativeTesting.openCalibrations());
+            same(0, NativeTesting.openHandles());
         }
+    }
+
+    /** A call that is stopped ends with the exception of coroutines, at once if the sign was set before. */
+    private void stop() throws Exception {
+        long handle = Native.openCalibration(calibration);
+        long stop = Native.newStop();
+        Thread later = new Thread(() -> {
+            try {
+                Thread.sleep(20);
+            } catch (InterruptedException e) {
+                throw new AssertionError(e);
+            }
+            Native.setStop(stop);
+        });
+        later.start();
+        Class<java.util.concurrent.CancellationException> cancelled = java.util.concurrent.CancellationException.class;
+        fails(cancelled, "cancelled", () -> Native.measureBox(handle, frameA, frameB, stop));
+        later.join();
+        fails(cancelled, "cancelled", () -> Native.measureBox(handle, frameA, frameB, stop));
+        Native.closeStop(stop);
+        fails(IllegalStateException.class, "handle " + stop + " is closed", () -> Native.measureBox(handle, frameA, frameB, stop));
+        fails(IllegalStateException.class, "handle " + stop + " is closed", () -> Native.setStop(stop));
+        Native.closeCalibration(handle);
     }
 
     private void threads(byte[] measured) throws Exception {
         long handle = Native.openCalibration(calibration);
         onThreads(() -> {
             for (int call = 0; call < CALLS; call++) {
-                same(true, Arrays.equals(measured, Native.measureBox(handle, frameA.duplicate(), frameB.duplicate())));
+                same(true, Arrays.equals(measured, Native.measureBox(handle, frameA.duplicate(), frameB.duplicate(), 0)));
             }
             return null;
         });
@@ -223,7 +251,7 @@ public final class BoundaryCheck {
         List<Integer> finished = onThreads(() -> {
             for (int calls = 0; ; calls++) {
                 try {
-                    same(true, Arrays.equals(measured, Native.measureBox(handle, frameA.duplicate(), frameB.duplicate())));
+                    same(true, Arrays.equals(measured, Native.measureBox(handle, frameA.duplicate(), frameB.duplicate(), 0)));
                     oneHasFinished.countDown();
                 } catch (IllegalStateException e) {
                     same("handle " + handle + " is closed", e.getMessage());

@@ -12,10 +12,18 @@ public final class Native {
     /** Lets go of a calibration. Closing twice does nothing; calls that are running finish. */
     public static native void closeCalibration(long handle);
 
+    /** A sign that ends calls which were given it. */
+    public static native long newStop();
+
+    /** Calls that were given it end, with a CancellationException. */
+    public static native void setStop(long stop);
+
+    public static native void closeStop(long stop);
+
     /**
      * Measures a box from two frames. Each buffer is direct and holds one JPEG from position to limit.
      *
      * @return the bytes of a boxline.v1.BoxReport
      */
-    public static native byte[] measureBox(long handle, ByteBuffer frameA, ByteBuffer frameB);
+    public static native byte[] measureBox(long handle, ByteBuffer frameA, ByteBuffer frameB, long stop);
 }

@@ -16,5 +16,5 @@ public final class NativeTesting {
     /** Fails with an error kind, in the order of Rust's ErrorKind. */
     public static native long failWith(int kind, String text);
 
-    public static native int openCalibrations();
+    public static native int openHandles();
 }
