@@ -1,0 +1,313 @@
+package dev.boxline
+
+import dev.boxline.internal.CallThread
+import dev.boxline.internal.CapturedFrame
+import dev.boxline.internal.Native
+import dev.boxline.internal.liveView
+import dev.boxline.internal.measureResult
+import kotlinx.coroutines.CancellationException
+import kotlinx.coroutines.CoroutineName
+import kotlinx.coroutines.CoroutineScope
+import kotlinx.coroutines.Dispatchers
+import kotlinx.coroutines.Job
+import kotlinx.coroutines.SupervisorJob
+import kotlinx.coroutines.cancel
+import kotlinx.coroutines.flow.MutableStateFlow
+import kotlinx.coroutines.flow.StateFlow
+import kotlinx.coroutines.flow.asStateFlow
+import kotlinx.coroutines.flow.first
+import kotlinx.coroutines.flow.update
+import kotlinx.coroutines.launch
+import java.io.File
+import java.nio.ByteBuffer
+
+/**
+ * Measures boxes: from pictures, from a recording, or live with a head.
+ *
+ * All functions may be called from any thread, the main thread too: they do not block it. Native work runs on two threads of this
+ * object's own, one for measurements, one for what the head sees; several calls at once wait for each other. Cancelling a coroutine
+ * ends its native work within some hundred milliseconds. After [close] every function throws [IllegalStateException]; so does every
+ * function after a [NativeBugException], which closes the meter.
+ *
+ * Open one with [open], [openRecording] or, on Android, `BoxMeter.open(context)` of the package `dev.boxline.usb`.
+ */
+public class BoxMeter private constructor(
+    private val calibration: Long,
+    private val head: Long,
+    serial: String?,
+    frames: List<CapturedFrame>,
+    private val onClosed: () -> Unit,
+) : AutoCloseable {
+    private val measuring = CallThread("boxline measure")
+    private val looking = CallThread("boxline look")
+    private val scope = CoroutineScope(SupervisorJob() + Dispatchers.Default + CoroutineName("boxline"))
+    private val captured = ArrayDeque(frames)
+    private val ready = if (serial == null) Connection.None else Connection.Ready(serial)
+    private val serial = serial.orEmpty()
+    private val mutableState = MutableStateFlow(ScannerState(ready, null, frames.size))
+    private var live: Job? = null
+
+    @Volatile private var closed = false
+
+    /** What the meter is doing; always the newest value, from the thread that looks. */
+    public val state: StateFlow<ScannerState> = mutableState.asStateFlow()
+
+    /**
+     * Measures a box from two pictures of adjacent faces. Each buffer is direct and holds one JPEG of the head's camera from position to
+     * limit; both stay unchanged and must not be written to meanwhile.
+     *
+     * @throws InvalidFrameException if a buffer holds no whole JPEG
+     * @throws ScannerConfigException if the pictures have another size than the calibration's
+     */
+    public suspend fun measureBox(frameA: ByteBuffer, frameB: ByteBuffer): MeasureResult = result {
+        measureResult(measuring.call { stop -> Native.measureBox(calibration, frameA, frameB, stop) })
+    }
+
+    /** Whether a face could be measured in this picture, and if not, why. Exceptions as [measureBox]. */
+    public suspend fun view(frame: ByteBuffer): FaceView = guarded {
+        liveView(measuring.call { stop -> Native.viewFrame(calibration, frame, stop) }).first
+    }
+
+    /**
+     * Lights the lasers, starts the stream and keeps [state] up to date until [stopLive]. With [autoCapture] a face is captured by
+     * itself as soon as it can be measured and the head is held still; the second one only after the head has moved.
+     *
+     * @throws IllegalStateException if this meter has no head
+     */
+    public fun startLive(autoCapture: Boolean = false) {
+        check(head != 0L) { "this BoxMeter has no head" }
+        checkOpen()
+        synchronized(this) {
+            live?.cancel()
+            live = scope.launch { look(autoCapture) }
+        }
+    }
+
+    /** Lasers and stream off; captured faces stay. Does nothing if they are off. */
+    public suspend fun stopLive() {
+        val looked = synchronized(this) { live.also { live = null } }
+        looked?.cancel()
+        looked?.join()
+        if (looked != null && !closed) {
+            guarded { looking.call { Native.stopStream(head) } }
+            mutableState.update { if (it.connection is Connection.Live) it.copy(connection = ready, view = null) else it }
+        }
+    }
+
+    /**
+     * Captures the face in view and keeps it if it can be measured; of three captured faces the first is dropped. Needs [startLive].
+     *
+     * @throws IllegalStateException if this meter has no head or is not live
+     */
+    public suspend fun captureFace(): FaceResult {
+        check(head != 0L) { "this BoxMeter has no head" }
+        return try {
+            guarded { capture() }
+        } catch (e: DeviceException) {
+            unavailable(e)
+            FaceResult.DeviceUnavailable(e.reason, e.message.orEmpty())
+        }
+    }
+
+    /**
+     * Measures the box from the two captured faces, or from those of the recording. They stay until [dropCaptured].
+     *
+     * @throws IllegalStateException if two faces are not captured
+     */
+    public suspend fun measure(): MeasureResult = result {
+        val pair = synchronized(captured) { captured.toList() }
+        check(pair.size == 2) { "two captured faces are needed, there are ${pair.size}" }
+        val (a, b) = pair
+        val report = measuring.call { stop -> Native.measureFrames(calibration, a.handle, b.handle, stop) }
+        measureResult(report)
+    }
+
+    /** Waits until [startLive] with `autoCapture` has captured two faces, then measures them. */
+    public suspend fun measureLive(): MeasureResult {
+        val end = state.first { it.captured == 2 || it.connection is Connection.Unavailable }.connection
+        return if (end is Connection.Unavailable) MeasureResult.DeviceUnavailable(end.cause, end.message) else measure()
+    }
+
+    /** Forgets captured faces, to start anew. */
+    public fun dropCaptured() {
+        val dropped = synchronized(captured) { captured.toList().also { captured.clear() } }
+        dropped.forEach(CapturedFrame::close)
+        mutableState.update { it.copy(captured = 0) }
+    }
+
+    /** The JPEG of captured face 0 or 1, as the head sent it; null if there is none. */
+    public fun capturedJpeg(index: Int): ByteArray? {
+        checkOpen()
+        return synchronized(captured) { captured.getOrNull(index)?.let { Native.frameJpeg(it.handle) } }
+    }
+
+    /**
+     * Draws what the head sees into an `android.view.Surface`, until null is given; false if that cannot be done. Native code draws: no
+     * pixel passes through the virtual machine. Android only.
+     */
+    public fun showPreview(surface: Any?): Boolean {
+        checkOpen()
+        return head != 0L && Native.showPreview(head, surface)
+    }
+
+    /**
+     * Ends running calls, switches lasers and stream off, lets go of the head. Does not block: native clean-up, at most some seconds
+     * with a silent head, goes on behind it. Closing twice does nothing.
+     */
+    override fun close() {
+        synchronized(this) {
+            if (closed) return
+            closed = true
+        }
+        scope.cancel()
+        measuring.close()
+        looking.close {
+            if (head != 0L) Native.closeHead(head)
+            Native.closeCalibration(calibration)
+            synchronized(captured) { captured.toList().also { captured.clear() } }.forEach(CapturedFrame::close)
+            onClosed()
+        }
+        mutableState.update { it.copy(view = null, captured = 0) }
+    }
+
+    /** A meter that nobody closed holds the head and native memory: closed here, late, and told in the log. */
+    @Suppress("unused", "ProtectedInFinal")
+    protected fun finalize() {
+        if (!closed) {
+            Native.log(2, "a BoxMeter was not closed")
+            close()
+        }
+    }
+
+    private suspend fun look(autoCapture: Boolean) {
+        var after = 0L
+        var moved = true
+        try {
+            looking.call { Native.startStream(head) }
+            mutableState.update { it.copy(connection = Connection.Live(serial)) }
+            while (true) {
+                val (view, frame) = liveView(looking.call { stop -> Native.liveView(head, calibration, after, stop) })
+                after = frame
+                mutableState.update { it.copy(view = view) }
+                val steady = view is FaceView.Measurable && view.steady
+                if (autoCapture && steady && moved && state.value.captured < 2) {
+                    moved = capture() !is FaceResult.Captured
+                } else if (!steady) {
+                    moved = true
+                }
+            }
+        } catch (e: CancellationException) {
+            throw e
+        } catch (e: DeviceException) {
+            unavailable(e)
+        } catch (e: RuntimeException) {
+            if (closed) return
+            if (e is NativeBugException) close()
+            val text = e.message ?: e.toString()
+            mutableState.update { it.copy(connection = Connection.Unavailable(DeviceCause.USB, text), view = null) }
+        }
+    }
+
+    private suspend fun capture(): FaceResult {
+        val frame = looking.call { stop -> CapturedFrame(Native.captureFrame(head, stop)) }
+        val view = try {
+            liveView(measuring.call { stop -> Native.viewCaptured(calibration, frame.handle, stop) }).first
+        } catch (e: Throwable) {
+            frame.close()
+            throw e
+        }
+        if (view is FaceView.Unmeasurable) frame.close()
+        return when (view) {
+            is FaceView.Unmeasurable -> FaceResult.Rejected(view.reason)
+            is FaceView.Measurable -> FaceResult.Captured(view, keep(frame))
+        }
+    }
+
+    private fun keep(frame: CapturedFrame): Int {
+        val number = synchronized(captured) {
+            if (closed) frame.close() else captured += frame
+            if (captured.size > 2) captured.removeFirst().close()
+            captured.size
+        }
+        mutableState.update { it.copy(captured = number) }
+        return number
+    }
+
+    private fun unavailable(e: DeviceException) {
+        mutableState.update { it.copy(connection = Connection.Unavailable(e.reason, e.message.orEmpty()), view = null) }
+    }
+
+    private fun checkOpen() = check(!closed) { "BoxMeter is closed" }
+
+    private suspend fun result(body: suspend () -> MeasureResult): MeasureResult = try {
+        guarded(body)
+    } catch (e: DeviceException) {
+        unavailable(e)
+        MeasureResult.DeviceUnavailable(e.reason, e.message.orEmpty())
+    }
+
+    private suspend fun <T> guarded(body: suspend () -> T): T {
+        checkOpen()
+        try {
+            return body()
+        } catch (e: NativeBugException) {
+            close()
+            throw e
+        } catch (e: CancellationException) {
+            // The native call was ended by close(), not by whoever waits for it.
+            if (closed) throw IllegalStateException("BoxMeter is closed", e)
+            throw e
+        }
+    }
+
+    public companion object {
+        /** What this library is, for reports of bugs. */
+        @JvmStatic
+        public fun version(): String = Native.version()
+
+        /**
+         * A meter for pictures, with the bytes of a `calibration.json`.
+         *
+         * @throws ScannerConfigException if it is broken
+         */
+        @JvmStatic
+        public fun open(calibrationJson: ByteArray): BoxMeter =
+            BoxMeter(Native.openCalibration(calibrationJson), 0, null, emptyList()) {}
+
+        /**
+         * A meter for the first two pictures of a recording's folder: [measure] measures them.
+         *
+         * @throws ScannerConfigException if the recording or its calibration is broken, or they are of two heads
+         */
+        @JvmStatic
+        public fun openRecording(folder: File): BoxMeter {
+            val (calibration, a, b) = Native.openRecording(folder.path)
+            return BoxMeter(calibration, 0, null, listOf(CapturedFrame(a), CapturedFrame(b))) {}
+        }
+
+        /**
+         * A meter with a head, from the file descriptor of an open USB device, such as `UsbDeviceConnection` has. The descriptor is
+         * duplicated. [onClosed] runs after the head has been let go, on a thread of the meter: close the connection there. It also
+         * runs if opening fails. Blocks for up to some seconds while the head is asked for its calibration, unless
+         * [calibrationJson] has it.
+         *
+         * @throws DeviceException if the head fails
+         * @throws ScannerConfigException if the head has no calibration, or it is broken or of another head
+         */
+        @JvmStatic
+        @JvmOverloads
+        public fun openHead(fileDescriptor: Int, calibrationJson: ByteArray? = null, onClosed: () -> Unit = {}): BoxMeter {
+            var head = 0L
+            try {
+                head = Native.openHead(fileDescriptor)
+                val calibration =
+                    calibrationJson?.let(Native::openCalibration) ?: Native.openHeadCalibration(head)
+                return BoxMeter(calibration, head, Native.headSerial(head), emptyList(), onClosed)
+            } catch (e: RuntimeException) {
+                if (head != 0L) Native.closeHead(head)
+                onClosed()
+                throw e
+            }
+        }
+    }
+}

@@ -1,0 +1,38 @@
+package dev.boxline
+
+import kotlinx.coroutines.CoroutineScope
+import kotlinx.coroutines.Dispatchers
+import kotlinx.coroutines.SupervisorJob
+import kotlinx.coroutines.cancel
+import kotlinx.coroutines.future.future
+import java.nio.ByteBuffer
+import java.util.concurrent.CompletableFuture
+
+/**
+ * The same as [BoxMeter] for callers without coroutines, Java among them. Cancelling a future ends its native work. Futures complete
+ * on a thread of the library; closing this closes the meter.
+ */
+public class BoxMeterFutures(private val meter: BoxMeter) : AutoCloseable {
+    private val scope = CoroutineScope(SupervisorJob() + Dispatchers.Default)
+
+    /** As [BoxMeter.measureBox]. */
+    public fun measureBox(frameA: ByteBuffer, frameB: ByteBuffer): CompletableFuture<MeasureResult> =
+        scope.future { meter.measureBox(frameA, frameB) }
+
+    /** As [BoxMeter.view]. */
+    public fun view(frame: ByteBuffer): CompletableFuture<FaceView> = scope.future { meter.view(frame) }
+
+    /** As [BoxMeter.captureFace]. */
+    public fun captureFace(): CompletableFuture<FaceResult> = scope.future { meter.captureFace() }
+
+    /** As [BoxMeter.measure]. */
+    public fun measure(): CompletableFuture<MeasureResult> = scope.future { meter.measure() }
+
+    /** As [BoxMeter.measureLive]. */
+    public fun measureLive(): CompletableFuture<MeasureResult> = scope.future { meter.measureLive() }
+
+    override fun close() {
+        scope.cancel()
+        meter.close()
+    }
+}

@@ -1,0 +1,138 @@
+package dev.boxline
+
+import dev.boxline.testing.FakeHead
+import dev.boxline.testing.Recordings
+import dev.boxline.testing.eventually
+import dev.boxline.testing.nothingIsLeftOpen
+import kotlinx.coroutines.Dispatchers
+import kotlinx.coroutines.async
+import kotlinx.coroutines.flow.first
+import kotlinx.coroutines.runBlocking
+import kotlinx.coroutines.withTimeout
+import org.junit.After
+import org.junit.Assert.assertEquals
+import org.junit.Assert.assertThrows
+import org.junit.Assert.assertTrue
+import org.junit.Assume.assumeTrue
+import org.junit.Before
+import org.junit.Test
+import java.util.concurrent.atomic.AtomicInteger
+
+/** A head over the real libusb; only the kernel behind it is made of software. */
+class HeadTest {
+    private val closed = AtomicInteger()
+
+    @Before
+    fun plugged() {
+        assumeTrue("SKIPPED HeadTest: this JVM has no fake head", FakeHead.isThere)
+        FakeHead.show(0)
+    }
+
+    @After
+    fun nothingLeft() {
+        if (!FakeHead.isThere) return
+        nothingIsLeftOpen()
+        assertEquals("interfaces that are held", 0, FakeHead.claims())
+        assertEquals("lasers that are lit", 0, FakeHead.lasers())
+    }
+
+    private fun open(how: Int = 0) = BoxMeter.openHead(FakeHead.plug(how)) { closed.incrementAndGet() }
+
+    private fun <T> limited(body: suspend () -> T): T = runBlocking { withTimeout(60_000) { body() } }
+
+    @Test
+    fun `both faces are captured by hand and measured`(): Unit = limited {
+        open().use { meter ->
+            assertEquals(Connection.Ready("SIM-0001"), meter.state.value.connection)
+            meter.startLive()
+            meter.state.first { it.view is FaceView.Measurable }
+            assertEquals(15, FakeHead.lasers())
+            assertEquals(1, (meter.captureFace() as FaceResult.Captured).number)
+            FakeHead.show(FakeHead.NOTHING)
+            assertEquals(Reason.Kind.NO_BOX, ((captureDark(meter)) as FaceResult.Rejected).reason.kind)
+            FakeHead.show(1)
+            meter.state.first { it.view is FaceView.Measurable }
+            assertEquals(2, (meter.captureFace() as FaceResult.Captured).number)
+            val live = meter.measure() as MeasureResult.Measured
+            val recorded = BoxMeter.openRecording(Recordings.folder("b02")).use { it.measure() as MeasureResult.Measured }
+            assertEquals(recorded.size, live.size)
+            meter.dropCaptured()
+            assertEquals(0, meter.state.value.captured)
+            meter.stopLive()
+            assertEquals(0, FakeHead.lasers())
+            assertEquals(Connection.Ready("SIM-0001"), meter.state.value.connection)
+        }
+        eventually("the connection is closed") { closed.get() == 1 }
+    }
+
+    /** The first frames after the change may still show the face. */
+    private suspend fun captureDark(meter: BoxMeter): FaceResult {
+        meter.state.first { it.view is FaceView.Unmeasurable }
+        return meter.captureFace()
+    }
+
+    @Test
+    fun `held still, faces are captured by themselves, the second after a move`(): Unit = limited {
+        open().use { meter ->
+            meter.startLive(autoCapture = true)
+            meter.state.first { it.captured == 1 }
+            // The same face is not taken twice.
+            repeat(3) { meter.state.value.view.let { view -> meter.state.first { it.view !== view } } }
+            assertEquals(1, meter.state.value.captured)
+            FakeHead.show(1)
+            assertTrue(meter.measureLive() is MeasureResult.Measured)
+        }
+    }
+
+    @Test
+    fun `a cable that comes out is a result, and a new head works`(): Unit = limited {
+        open().use { meter ->
+            meter.startLive()
+            meter.state.first { it.connection is Connection.Live }
+            val capture = async2 { meter.captureFace() }
+            FakeHead.pull(2)
+            val end = capture.await()
+            assertTrue("$end", end is FaceResult.Captured || (end as FaceResult.DeviceUnavailable).cause == DeviceCause.LOST)
+            val state = meter.state.first { it.connection is Connection.Unavailable }.connection as Connection.Unavailable
+            assertEquals(DeviceCause.LOST, state.cause)
+            assertEquals(DeviceCause.LOST, (meter.measureLive() as MeasureResult.DeviceUnavailable).cause)
+        }
+        eventually("the connection is closed") { closed.get() == 1 }
+        open().use { meter ->
+            meter.startLive()
+            meter.state.first { it.view is FaceView.Measurable }
+        }
+    }
+
+    private fun <T> async2(body: suspend () -> T) = kotlinx.coroutines.CoroutineScope(Dispatchers.Default).async { body() }
+
+    @Test
+    fun `a head without a calibration, or with another head's, is told when it is opened`() {
+        assertThrows(ScannerConfigException::class.java) { open(FakeHead.EMPTY_STORE) }
+        val e = assertThrows(ScannerConfigException::class.java) { open(FakeHead.OTHER_SERIAL) }
+        assertTrue(e.message!!, e.message!!.contains("OTHER-0001"))
+        assertEquals(2, closed.get())
+        BoxMeter.openHead(FakeHead.plug(FakeHead.EMPTY_STORE), Recordings.calibration).use { meter ->
+            limited {
+                meter.startLive()
+                meter.state.first { it.connection is Connection.Live }
+            }
+        }
+    }
+
+    @Test
+    fun `50 rounds of opening, streaming and closing`() {
+        val fd = FakeHead.plug(0)
+        repeat(50) { round ->
+            BoxMeter.openHead(fd) { closed.incrementAndGet() }.use { meter ->
+                if (round % 5 == 0) {
+                    limited {
+                        meter.startLive()
+                        meter.state.first { it.connection is Connection.Live }
+                    }
+                }
+            }
+            eventually("round $round is closed") { closed.get() == round + 1 }
+        }
+    }
+}
