@@ -1,0 +1,122 @@
+package dev.boxline.sample
+
+import android.Manifest
+import android.content.Intent
+import android.graphics.Bitmap
+import android.graphics.Canvas
+import android.view.View
+import android.widget.Button
+import android.widget.TextView
+import dev.boxline.BoxSize
+import dev.boxline.Connection
+import dev.boxline.CubicMetres
+import dev.boxline.DeviceCause
+import dev.boxline.FaceView
+import dev.boxline.Length
+import dev.boxline.MeasureResult
+import dev.boxline.Millimetres
+import dev.boxline.Reason
+import dev.boxline.Record
+import dev.boxline.ScannerState
+import dev.boxline.SensorPoint
+import dev.boxline.Volume
+import dev.boxline.intent.Dimensioning
+import org.junit.Assert.assertEquals
+import org.junit.Assert.assertFalse
+import org.junit.Assert.assertTrue
+import org.junit.Test
+import org.junit.runner.RunWith
+import org.robolectric.Robolectric
+import org.robolectric.RobolectricTestRunner
+import org.robolectric.RuntimeEnvironment
+import org.robolectric.Shadows.shadowOf
+import org.robolectric.annotation.Config
+import org.robolectric.annotation.GraphicsMode
+import java.io.File
+
+/** The screen in its states, drawn by Android's own code; pictures go to the folder `boxline.screens`, to be looked at. */
+@RunWith(RobolectricTestRunner::class)
+@GraphicsMode(GraphicsMode.Mode.NATIVE)
+@Config(sdk = [34], qualifiers = "w411dp-h731dp-mdpi")
+class MainActivityTest {
+    private fun length(mm: Double) = Length(Millimetres(mm), Millimetres(0.4))
+
+    private fun size(a: Double, b: Double, c: Double) =
+        BoxSize(length(a), length(b), length(c), Volume(CubicMetres(a * b * c * 1e-9), CubicMetres(1e-4)))
+
+    private val measured = MeasureResult.Measured(size(550.41, 349.78, 300.09), Record(ByteArray(0)))
+    private val cut = Reason("face_cut_by_border", emptyMap(), "")
+    private val square = listOf(500.0 to 400.0, 2100.0 to 500.0, 2000.0 to 1500.0, 450.0 to 1400.0).map { (u, v) -> SensorPoint(u, v) }
+    private val face = FaceView.Measurable(length(400.0), length(300.0), square, listOf(square[0] to square[2], square[1] to square[3]), true)
+
+    private fun screen(name: String, intent: Intent = Intent(), body: (MainActivity) -> Unit) {
+        shadowOf(RuntimeEnvironment.getApplication()).grantPermissions(Manifest.permission.CAMERA)
+        Robolectric.buildActivity(MainActivity::class.java, intent).setup().use { controller ->
+            val activity = controller.get()
+            body(activity)
+            shadowOf(android.os.Looper.getMainLooper()).idle()
+            val root = activity.window.decorView
+            val bitmap = Bitmap.createBitmap(root.width, root.height, Bitmap.Config.ARGB_8888)
+            root.draw(Canvas(bitmap))
+            val folder = File(System.getProperty("boxline.screens", "build/screens")).apply { mkdirs() }
+            File(folder, "$name.png").outputStream().use { bitmap.compress(Bitmap.CompressFormat.PNG, 100, it) }
+        }
+    }
+
+    private fun MainActivity.text(id: Int) = findViewById<TextView>(id).text.toString()
+
+    @Test
+    fun `without a head it asks for one`() = screen("plug-in") {
+        assertEquals("Plug the head in", it.text(R.id.status))
+        assertFalse(it.findViewById<Button>(R.id.share).isEnabled)
+    }
+
+    @Test
+    fun `a face in view is drawn`() = screen("live") {
+        it.show(ScannerState(Connection.Live("SIM-0001"), face, 0))
+        assertEquals("Good. Hold still", it.text(R.id.status))
+    }
+
+    @Test
+    @Config(qualifiers = "+night-de-rDE")
+    fun `a result with its interval, in German, in the dark`() = screen("measured-de-dark") {
+        it.show(ScannerState(Connection.Ready("SIM-0001"), null, 2))
+        it.show(measured)
+        assertTrue(it.text(R.id.result), it.text(R.id.result).startsWith("550,4 × 349,8 × 300,1 mm"))
+        assertTrue(it.findViewById<Button>(R.id.share).isEnabled)
+    }
+
+    @Test
+    @Config(qualifiers = "+zh-rCN", fontScale = 1.6f)
+    fun `a refusal says what to do, in Chinese, in large letters`() = screen("refused-zh-large") {
+        it.show(MeasureResult.Rejected(cut, null))
+        assertTrue(it.text(R.id.result), it.text(R.id.result).contains("请后退"))
+    }
+
+    @Test
+    fun `two boxes are offered, and the one that is touched is shown`() = screen("choice") {
+        it.show(MeasureResult.Ambiguous(size(400.0, 400.0, 250.0), size(400.0, 250.0, 250.0), Record(ByteArray(0))))
+        assertEquals(View.VISIBLE, it.findViewById<View>(R.id.choice).visibility)
+        assertEquals("400 × 250 × 250 mm", it.text(R.id.second))
+    }
+
+    @Test
+    fun `a head that is gone`() = screen("unplugged") {
+        it.show(ScannerState(Connection.Unavailable(DeviceCause.LOST, ""), null, 0))
+        assertEquals("The head is unplugged", it.text(R.id.status))
+    }
+
+    @Test
+    fun `an app that asks by intent gets the sides in its unit`() {
+        val request = Intent(Dimensioning.ACTION).putExtra(Dimensioning.UNIT, "cm")
+        screen("intent", request) { activity ->
+            activity.show(measured)
+            assertTrue(activity.isFinishing)
+            val result = shadowOf(activity).resultIntent
+            assertEquals(55.041, result.getDoubleExtra(Dimensioning.LENGTH, 0.0), 1e-9)
+            assertEquals(0.04, result.getDoubleExtra(Dimensioning.HEIGHT + Dimensioning.SIGMA_SUFFIX, 0.0), 1e-9)
+            assertEquals("MEASURED CM", result.getStringExtra(Dimensioning.STATUS) + " " + result.getStringExtra(Dimensioning.UNIT))
+            assertTrue(result.getStringExtra(Dimensioning.TIMESTAMP)!!.endsWith("Z"))
+        }
+    }
+}
