@@ -1,8 +1,9 @@
-//! Draws up the look of one carton: board, seams and tape, print, labels, straps, stripes. Sizes in mm.
+//! Draws up the look of one carton: board, print, how it is closed, labels. Sizes in mm.
 
+use super::edging::edging;
 use super::ink::{code, word};
-use super::kinds::{Base, CARTONS, INKS, LABELS, MARKS, STRAPS, TAPES};
-use super::{Art, Decal, Look, Pattern, Surface, linear};
+use super::kinds::{Base, CARTONS, INKS, LABELS, MARKS};
+use super::{Art, Decal, Look, Pattern, Surface, closure, linear};
 use crate::rng::Rng;
 use crate::stock::{Kind, Stock};
 use nalgebra::Vector3;
@@ -47,7 +48,7 @@ pub fn carton(rng: &mut Rng, half: &Vector3<f64>, stock: &Stock) -> Carton {
     };
     let gloss = if plain { rng.range_f32(0.01, 0.05) } else { rng.pick([0.03, 0.06, 0.2, 0.35]) };
     let mut decals = Vec::new();
-    seams(rng, half, main, &mut decals);
+    edging(rng, half, half_of, stock, &mut decals);
     let mut ink = *stock.pick(rng, &INKS);
     // Ink that would not show on its board is printed in white.
     let apart: i32 = rgb.iter().zip(ink.what).map(|(b, i)| (i32::from(*b) - i32::from(i)).abs()).sum();
@@ -58,77 +59,14 @@ pub fn carton(rng: &mut Rng, half: &Vector3<f64>, stock: &Stock) -> Carton {
     for face in 0..5 {
         print(rng, face, half_of(face, half), &ink, &brand, stock, &mut decals);
     }
-    if rng.chance(0.75) {
-        tape(rng, half, stock, &mut decals);
-    }
+    closure::close(rng, half, main, stock, &mut decals);
     for face in 0..5 {
         labels(rng, face, half_of(face, half), stock, &mut decals);
     }
     if rng.chance(0.16) {
-        straps(rng, half, stock, &mut decals);
+        closure::straps(rng, half, stock, &mut decals);
     }
     Carton { look: Look { surface, decals, gloss }, base: kind.word }
-}
-
-fn fill(
-    kind: &'static str,
-    face: usize,
-    centre: [f32; 2],
-    half: [f32; 2],
-    rgb: [u8; 3],
-    gloss: Option<f32>,
-) -> Decal {
-    Decal { kind, face, centre, turn_rad: 0.0, half, art: Art::Fill(rgb), gloss }
-}
-
-const SEAM: &str = "seam";
-
-/// The gap between the flaps on top and bottom, along x; the joint at a corner of a side.
-fn seams(rng: &mut Rng, half: &Vector3<f64>, main: crate::vec3::V3, decals: &mut Vec<Decal>) {
-    let dark = main * 0.25;
-    let srgb = [dark.x, dark.y, dark.z].map(|c| (c.max(0.0).powf(1.0 / 2.2) * 255.0).min(255.0) as u8);
-    let gap = rng.range_f32(0.4, 1.6);
-    for face in [4, 5] {
-        decals.push(fill(SEAM, face, [0.0, rng.range_f32(-1.0, 1.0)], [half.x as f32, gap], srgb, None));
-    }
-    // Short flaps show as a faint step beneath the long ones.
-    if rng.chance(0.5) {
-        for side in [-1.0, 1.0] {
-            let centre = [side * (half.x as f32 - half.y as f32).max(half.x as f32 * 0.3), 0.0];
-            let tint = [srgb[0] / 2 + 70, srgb[1] / 2 + 55, srgb[2] / 2 + 35];
-            let art = Art::Tape(tint, 0.25);
-            decals.push(Decal {
-                kind: SEAM,
-                face: 4,
-                centre,
-                turn_rad: 0.0,
-                half: [0.7, half.y as f32],
-                art,
-                gloss: None,
-            });
-        }
-    }
-    if rng.chance(0.35) {
-        let [a, b] = half_of(1, half);
-        decals.push(fill(SEAM, 1, [a - 35.0f32.min(0.4 * a), 0.0], [0.6, b], srgb, None));
-    }
-}
-
-/// Tape over the seam, hanging over onto the short sides.
-fn tape(rng: &mut Rng, half: &Vector3<f64>, stock: &Stock, decals: &mut Vec<Decal>) {
-    let wide = (rng.range_f32(22.0, 30.0)).min(half.y as f32 * 0.45);
-    let kind = stock.pick(rng, &TAPES);
-    let (rgb, cover) = kind.what;
-    let gloss = Some(rng.range_f32(0.25, 0.6));
-    let mut strip = |face, centre, half| {
-        let art = Art::Tape(rgb, cover);
-        decals.push(Decal { kind: kind.word, face, centre, turn_rad: 0.0, half, art, gloss });
-    };
-    strip(4, [0.0, 0.0], [half.x as f32, wide]);
-    for face in [0, 1] {
-        let hang = rng.range_f32(20.0, 35.0).min(half.z as f32 * 0.5);
-        strip(face, [0.0, hang - half.z as f32], [wide, hang]);
-    }
 }
 
 fn print(
@@ -215,22 +153,5 @@ fn labels(rng: &mut Rng, face: usize, half: [f32; 2], stock: &Stock, decals: &mu
             art: Art::Label(seed, layout, paper),
             gloss: Some(rng.range_f32(0.05, 0.3)),
         });
-    }
-}
-
-/// One or two straps around the box, over the top and two sides.
-fn straps(rng: &mut Rng, half: &Vector3<f64>, stock: &Stock, decals: &mut Vec<Decal>) {
-    let Kind { word, what: rgb, .. } = *stock.pick(rng, &STRAPS);
-    let wide = rng.range_f32(4.0, 9.0);
-    let gloss = Some(0.3);
-    let count = 1 + rng.below(2);
-    for i in 0..count {
-        let share =
-            if count == 1 { rng.range_f32(-0.3, 0.3) } else { [-0.5, 0.5][i % 2] + rng.range_f32(-0.1, 0.1) };
-        let (x, y, z) = (half.x as f32, half.y as f32, half.z as f32);
-        // Around the length: top, front and back; positions mirror with the faces' picture axes.
-        decals.push(fill(word, 4, [share * x, 0.0], [wide, y], rgb, gloss));
-        decals.push(fill(word, 3, [share * x, 0.0], [wide, z], rgb, gloss));
-        decals.push(fill(word, 2, [-share * x, 0.0], [wide, z], rgb, gloss));
     }
 }

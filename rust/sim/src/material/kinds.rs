@@ -4,6 +4,8 @@
 //! |---|---|---|
 //! | [`CARTONS`] | brown, kraft, white, black, red, blue, grey | testliner, honey, cream, orange, green, charcoal |
 //! | [`INKS`] | black, blue, red | green, brown |
+//! | [`PRINTS`] | blue, navy, red, green, black, white, yellow, grey | teal, violet, brown, lime, orange |
+//! | [`EDGINGS`] | line, double line, band, two-tone band, zone, header bar, frame, panel | triple line, three-tone band, hem, dashes, crossed lines, double frame, plain zone |
 //! | [`MARKS`] | arrows | glass |
 //! | [`LABELS`] | address, parcel | order, order on yellow |
 //! | [`TAPES`] | brown, tan, clear | dark, white |
@@ -15,6 +17,7 @@
 //!
 //! Common to both: shapes, light, lasers, sensor, painted metal and table tops, red lines and frames in print, occluders.
 
+use super::edging::Edging;
 use super::stamp::Art;
 use crate::stock::{Kind, Split};
 
@@ -63,6 +66,42 @@ pub const INKS: [Kind<[u8; 3]>; 5] = [
     training("red ink", 1, [140, 28, 30]),
     held_out("green ink", 1, [24, 84, 52]),
     held_out("brown ink", 1, [84, 50, 34]),
+];
+
+/// Inks of large printed areas, sRGB.
+pub const PRINTS: [Kind<[u8; 3]>; 13] = [
+    training("blue print", 2, [32, 78, 148]),
+    training("navy print", 1, [28, 36, 66]),
+    training("red print", 2, [176, 34, 36]),
+    training("green print", 1, [36, 108, 62]),
+    training("black print", 2, [34, 33, 36]),
+    training("white print", 2, [228, 226, 218]),
+    training("yellow print", 1, [226, 180, 44]),
+    training("grey print", 1, [128, 130, 132]),
+    held_out("teal print", 2, [22, 112, 118]),
+    held_out("violet print", 1, [92, 52, 120]),
+    held_out("brown print", 2, [88, 56, 38]),
+    held_out("lime print", 1, [150, 184, 52]),
+    held_out("orange print", 1, [222, 112, 36]),
+];
+
+/// Print along the edges.
+pub const EDGINGS: [Kind<Edging>; 15] = [
+    training("edge line", 3, Edging::Lines(1)),
+    training("double line", 2, Edging::Lines(2)),
+    training("edge band", 4, Edging::Band(1)),
+    training("two-tone band", 2, Edging::Band(2)),
+    training("printed zone", 3, Edging::Zone),
+    training("header bar", 2, Edging::Header),
+    training("printed frame", 4, Edging::Frame(1)),
+    training("printed panel", 3, Edging::Panel),
+    held_out("triple line", 2, Edging::Lines(3)),
+    held_out("three-tone band", 2, Edging::Band(3)),
+    held_out("hem", 2, Edging::Hem),
+    held_out("dashes", 1, Edging::Dashes),
+    held_out("crossed lines", 2, Edging::Crossed),
+    held_out("double frame", 2, Edging::Frame(2)),
+    held_out("plain zone", 2, Edging::Zone),
 ];
 
 /// Draws a mark in an ink, sRGB.
@@ -175,6 +214,8 @@ pub fn words(split: Split) -> Vec<&'static str> {
     }
     of(&CARTONS, split)
         .chain(of(&INKS, split))
+        .chain(of(&PRINTS, split))
+        .chain(of(&EDGINGS, split))
         .chain(of(&MARKS, split))
         .chain(of(&LABELS, split))
         .chain(of(&TAPES, split))
@@ -197,6 +238,7 @@ mod tests {
                 .iter()
                 .all(|s| kinds.iter().any(|k| k.split == *s && k.weight > 0))
         }
+        assert!(both(&PRINTS) && both(&EDGINGS));
         assert!(both(&CARTONS) && both(&INKS) && both(&MARKS) && both(&LABELS) && both(&TAPES));
         assert!(both(&STRAPS) && both(&WOODS) && both(&FLOORS) && both(&YARDS) && both(&WALLS));
         let held = words(Split::HeldOut);

@@ -1,7 +1,10 @@
 //! What surfaces look like: [`noise`] tiles, [`surface`] patterns (board, wood, stone), [`ink`] bitmaps (print, labels) and
-//! [`stamp`]s that put them on faces; [`kinds`] lists what there is, [`mod@carton`] draws up the look of one box.
+//! [`stamp`]s that put them on faces; [`kinds`] lists what there is, [`mod@carton`] draws up the look of one box with its
+//! [`closure`] (flaps, tape, straps) and [`mod@edging`] (print along its edges).
 
 pub mod carton;
+pub mod closure;
+pub mod edging;
 pub mod font;
 pub mod ink;
 pub mod kinds;

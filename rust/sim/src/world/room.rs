@@ -153,11 +153,12 @@ pub fn neighbours(
         if faces.contains(&face) || few || !rng.chance(0.4) {
             continue;
         }
-        let same = rng.chance(0.35);
+        // Cartons of one delivery: equal in all, or in some of their sizes, so that edges go on in one line.
+        let same = if rng.chance(0.3) { 1.0 } else { 0.4 };
         let gap = rng.range(0.3, 3.0);
         let mut other = Vector3::new(0, 0, 0).map(|_: i32| 0.0);
         for i in 0..3 {
-            other[i] = if same { size[i] } else { size[i] * rng.range(0.45, 1.3) };
+            other[i] = if rng.chance(same) { size[i] } else { size[i] * rng.range(0.45, 1.3) };
         }
         if face == 4 {
             other.z = other.z.min(600.0);
@@ -165,7 +166,7 @@ pub fn neighbours(
         let flush = |rng: &mut Rng, axis: usize| {
             // Flush at the front or at one end, or anywhere.
             let slack = 0.5 * (size[axis] - other[axis]);
-            let step = rng.range(-3.0, 3.0);
+            let step = if rng.chance(0.4) { 0.0 } else { rng.range(-3.0, 3.0) };
             match rng.below(3) {
                 0 => -slack + step,
                 1 => slack + step,

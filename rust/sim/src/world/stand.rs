@@ -79,7 +79,10 @@ fn table(rng: &mut Rng, size: &Vector3<f64>, stock: &Stock) -> Stand {
         _ => wood(rng, stock),
     };
     let gloss = rng.range_f32(0.02, 0.25);
-    let at = Vector3::new(rng.range(-0.3, 0.3) * (wide - size.x), 0.4 * (deep - size.y), 0.0);
+    // Near the table's front edge, or flush with it.
+    let back =
+        if rng.chance(0.3) { 0.5 * (deep - size.y) + rng.normal() * 3.0 } else { 0.4 * (deep - size.y) };
+    let at = Vector3::new(rng.range(-0.3, 0.3) * (wide - size.x), back, 0.0);
     let plate = Vector3::new(wide, deep, 30.0);
     let look = Look::bare(surface, gloss);
     let mut bodies =
@@ -97,7 +100,11 @@ fn pallet(rng: &mut Rng, size: &Vector3<f64>, stock: &Stock) -> Stand {
     let wide = 1200f64.max(size.x - rng.range(-150.0, 60.0));
     let deep = 800f64.max(size.y - rng.range(-150.0, 60.0));
     let slack = Vector3::new(0.5 * (wide - size.x).max(0.0), 0.5 * (deep - size.y).max(0.0), 0.0);
-    let at = Vector3::new(rng.range(-1.0, 1.0) * slack.x, rng.range(-1.0, 1.0) * slack.y, 0.0);
+    // Often flush with the pallet's edge, within some mm: then the planks' edges are parallel to the face's and next to them.
+    let mut place = |slack: f64| {
+        if rng.chance(0.5) { rng.sign() * slack + rng.normal() * 3.0 } else { rng.range(-1.0, 1.0) * slack }
+    };
+    let at = Vector3::new(place(slack.x), place(slack.y), 0.0);
     let main = wood(rng, stock);
     let mut bodies = Vec::new();
     let mut plank = |rng: &mut Rng, foot: Vector3<f64>, size: Vector3<f64>, yaw: f64| {
