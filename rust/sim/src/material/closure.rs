@@ -118,7 +118,7 @@ fn slits(rng: &mut Rng, frame: &Frame, board: V3, taped: bool, decals: &mut Vec<
     let dark = board * 0.25;
     let srgb = [dark.x, dark.y, dark.z].map(|c| (c.max(0.0).powf(1.0 / 2.2) * 255.0).min(255.0) as u8);
     let mut slit = |block: &Block, cover: f32, axis: usize| {
-        frame.put(block, &[2 * axis, 2 * axis + 1], SEAM, &Art::Print(srgb, cover), None, decals);
+        frame.put(block, &[2 * axis, 2 * axis + 1], SEAM, &Art::Print(SEAM, srgb, cover), None, decals);
     };
     // Half a gap: tape holds the flaps together, without it they spring apart.
     let gap = if taped { rng.range_f32(0.4, 1.6) } else { rng.log_range(0.5, 5.0) as f32 };

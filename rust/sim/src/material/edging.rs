@@ -4,7 +4,7 @@
 use super::kinds::{EDGINGS, PRINTS};
 use super::{Art, Decal};
 use crate::rng::Rng;
-use crate::stock::Stock;
+use crate::stock::{Kind, Stock};
 use nalgebra::Vector3;
 
 /// A way to print along the edges.
@@ -50,7 +50,7 @@ struct Plate {
     share: f32,
     /// Between lines, and before the ends of what ends early, mm.
     gap: f32,
-    inks: [[u8; 3]; 2],
+    inks: [Kind<[u8; 3]>; 2],
     /// How much of the board the ink hides.
     cover: f32,
 }
@@ -68,9 +68,15 @@ impl Plate {
             band: rng.log_range(8.0, 90.0) as f32,
             share: rng.range_f32(0.2, 0.55),
             gap: rng.log_range(3.0, 40.0) as f32,
-            inks: [stock.pick(rng, &PRINTS).what, stock.pick(rng, &PRINTS).what],
+            inks: [*stock.pick(rng, &PRINTS), *stock.pick(rng, &PRINTS)],
             cover: rng.range_f32(0.8, 1.0),
         }
+    }
+
+    /// An area in one of the inks.
+    fn art(&self, ink: usize) -> Art {
+        let Kind { word, what: rgb, .. } = self.inks[ink];
+        Art::Print(word, rgb, self.cover)
     }
 
     fn print(&self, face: usize, half: [f32; 2], decals: &mut Vec<Decal>) {
@@ -91,7 +97,7 @@ impl Plate {
                 (half[across] - 0.5 * (from + to)) * if side.is_multiple_of(2) { -1.0 } else { 1.0 };
             size[across] = 0.5 * (to - from);
             size[along] = half[along] - ends;
-            put(centre, size, Art::Print(self.inks[ink], self.cover));
+            put(centre, size, self.art(ink));
         };
         let sides = [self.side, self.side ^ 1];
         let sides = if self.both { &sides[..] } else { &sides[..1] };
@@ -145,18 +151,18 @@ impl Plate {
                     centre[across] = (half[across] - inset.max(gap) - 0.5 * line) * way;
                     centre[along] = (i as f32 + 0.5 - 0.5 * count as f32) * pitch;
                     (size[across], size[along]) = (0.5 * line, 0.5 * (pitch - gap));
-                    put(centre, size, Art::Print(self.inks[0], self.cover));
+                    put(centre, size, self.art(0));
                 }
             }
             Edging::Frame(count) => {
                 for i in 0..count {
                     let at = inset.max(gap) + i as f32 * (line + gap.min(12.0));
-                    put([0.0; 2], half.map(|h| h - at), Art::Outline(self.inks[0], line));
+                    put([0.0; 2], half.map(|h| h - at), Art::Outline(self.inks[0].what, line));
                 }
             }
             Edging::Panel => {
                 let margin = inset.max(gap);
-                put([0.0; 2], half.map(|h| h - margin), Art::Print(self.inks[0], self.cover));
+                put([0.0; 2], half.map(|h| h - margin), self.art(0));
             }
         }
     }

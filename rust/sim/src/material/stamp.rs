@@ -12,8 +12,8 @@ use std::sync::OnceLock;
 pub enum Art {
     /// One opaque colour with sharp borders: straps, stripes, seams. sRGB.
     Fill([u8; 3]),
-    /// A printed area: the board shows through as much as the cover leaves. sRGB, cover.
-    Print([u8; 3], f32),
+    /// A printed area in an ink, by its word and sRGB: the board shows through as much as the cover leaves.
+    Print(&'static str, [u8; 3], f32),
     /// Sticky tape: tints what is under it, with faint streaks. sRGB of the tint, and its cover.
     Tape([u8; 3], f32),
     /// Text in an ink.
@@ -66,7 +66,7 @@ impl Decal {
     pub fn stamp(&self, foot: f32) -> Stamp {
         let side = |half: f32| ((2.0 * half / foot * 1.2) as usize).clamp(2, 1400);
         let tint = match &self.art {
-            Art::Fill(rgb) | Art::Print(rgb, _) | Art::Tape(rgb, _) | Art::Outline(rgb, _) => linear(*rgb),
+            Art::Fill(rgb) | Art::Print(_, rgb, _) | Art::Tape(rgb, _) | Art::Outline(rgb, _) => linear(*rgb),
             _ => V3::default(),
         };
         Stamp {
@@ -113,7 +113,7 @@ impl Decal {
                 map.pen([0.25 * wf, 0.92 * hf, 0.75 * wf, 0.92 * hf], 0.04 * hf, *rgb);
                 map
             }
-            Art::Fill(rgb) | Art::Print(rgb, _) | Art::Tape(rgb, _) | Art::Outline(rgb, _) => clear(rgb),
+            Art::Fill(rgb) | Art::Print(_, rgb, _) | Art::Tape(rgb, _) | Art::Outline(rgb, _) => clear(rgb),
             Art::Photo(_) => clear(&[0; 3]),
         }
     }
@@ -153,7 +153,7 @@ impl Stamp {
         let (ink, cover) = match &decal.art {
             // What is finer than a pixel covers it only in part.
             Art::Fill(_) => (self.tint, rim * (2.0 * half_x.min(half_y) / foot).min(1.0)),
-            Art::Print(_, cover) => (self.tint, rim * cover * (2.0 * half_x.min(half_y) / foot).min(1.0)),
+            Art::Print(_, _, cover) => (self.tint, rim * cover * (2.0 * half_x.min(half_y) / foot).min(1.0)),
             Art::Tape(_, cover) => {
                 let t = super::noise::tiles();
                 let (a, b) = if half_x > half_y { (x, y) } else { (y, x) };

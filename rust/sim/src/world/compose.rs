@@ -65,8 +65,10 @@ impl Scene {
             }
             for decal in decals {
                 words.insert(decal.kind);
-                if let Art::Photo(index) = &decal.art {
-                    words.extend(photo(index));
+                match &decal.art {
+                    Art::Photo(index) => words.extend(photo(index)),
+                    Art::Print(ink, ..) => words.extend([*ink]),
+                    _ => {}
                 }
             }
         }
