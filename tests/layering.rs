@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// The modules of `rust/core/src`, lowest first. A new module gets its line here.
-const MODULES: [&str; 18] = [
+const MODULES: [&str; 21] = [
     "units",
     "error",
     "frames",
@@ -16,6 +16,9 @@ const MODULES: [&str; 18] = [
     "measurement",
     "camera",
     "calibration",
+    "face_lines",
+    "drift",
+    "feasibility",
     "optim",
     "stripe",
     "calib",

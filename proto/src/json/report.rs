@@ -3,8 +3,9 @@
 //! The shape never changes: every key is there, an absent value is `null`, an absent list is `[]`. A number that is not
 //! finite cannot be written in JSON and becomes `null` too.
 
+use boxline::feasibility::Move;
 use boxline::measurement::FaceMeasurement;
-use boxline::{BoxMeasurement, BoxReport, Estimate, FaceOutcome, Outcome, Px, Reject};
+use boxline::{BoxMeasurement, BoxReport, Estimate, FaceOutcome, Hint, Outcome, Px, Reject};
 use serde_json::{Map, Value, json};
 
 /// A box measurement. `frame_ids` name the first and the second frame.
@@ -54,6 +55,20 @@ pub fn face_json(face: &FaceOutcome, frame_id: &str) -> Value {
         "reject": entry["reject"],
         "faces": [entry],
     })
+}
+
+/// How to move the head after a refusal, `null` if moving does not help. The program adds it to each entry of `faces`:
+/// `"hint": {"text": "go 20 cm closer", "moves": [{"move": "closer", "by_mm": 200}]}`.
+#[must_use]
+pub fn hint_json(hint: Option<&Hint>) -> Value {
+    let Some(hint) = hint else { return Value::Null };
+    let entry = |one: &Move| {
+        let mut entry = Map::new();
+        entry.insert("move".to_owned(), json!(one.name()));
+        entry.extend(one.numbers().into_iter().map(|(name, value)| (name.to_owned(), json!(value))));
+        Value::Object(entry)
+    };
+    json!({"text": hint.to_string(), "moves": hint.moves.iter().map(entry).collect::<Vec<_>>()})
 }
 
 fn face_entry(face: &FaceOutcome, frame_id: &str) -> Value {

@@ -73,6 +73,24 @@ Examples:
 The distortions run in opposite directions: the camera is refitted over the sensor and what is left is told in px.
 Exit codes: 0 written, 2 broken input or usage.")]
     Convert(crate::convert::ConvertArgs),
+    /// Tells from measurements of ordinary boxes whether the lasers have moved since the calibration
+    #[command(after_help = "\
+Examples:
+  boxline drift box1 box2 box3 box4 box5 --calibration calibration.json
+  boxline drift ruler box1 box2 box3 --calibration calibration.json --length 800.0 -o proposed.json
+
+Each face checks the lasers; 20 faces, near and far and tilted differently, see a tilt of 0.2 mrad. Boxes cannot tell a change
+of all lengths together; a known length of the first box can. Nothing is written without -o, and never over the input.
+Exit codes: 0 no significant change, 2 broken input or usage, 3 the lasers have moved.")]
+    Drift(crate::drift::DriftArgs),
+    /// Predicts which faces a head can measure from where, and how well
+    #[command(after_help = "\
+Examples:
+  boxline feasibility --calibration calibration.json
+  boxline feasibility --calibration calibration.json --face 800x600 --picture sigma.svg
+
+Exit codes: 0 predicted, 2 broken input or usage.")]
+    Feasibility(crate::feasibility::FeasibilityArgs),
     /// Lists the cameras on the bus
     #[command(after_help = "\
 Example:

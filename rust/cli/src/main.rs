@@ -9,8 +9,10 @@ mod args;
 mod calibrate;
 mod capture;
 mod convert;
+mod drift;
 mod emulate;
 mod evaluate;
+mod feasibility;
 mod head;
 mod input;
 mod measure;
@@ -52,6 +54,8 @@ fn main() -> ExitCode {
         Command::Calibrate(args) => calibrate::calibrate(&args),
         Command::Verify(args) => verify::verify(&args),
         Command::Convert(args) => convert::convert(&args),
+        Command::Drift(args) => drift::drift(&args),
+        Command::Feasibility(args) => feasibility::feasibility(&args),
         Command::Devices(args) => head::list(&args),
         Command::Laser(args) => head::laser(&args),
         Command::Head(args) => head::head(&args),

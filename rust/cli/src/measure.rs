@@ -5,8 +5,8 @@ use crate::args::{FaceArgs, MeasureArgs, Output};
 use crate::input::{Usage, pair, read_frame};
 use crate::overlay::{self, Headline, View};
 use crate::text;
-use boxline::{FaceOutcome, Frame, Outcome, StageTimes, measure_box, measure_face};
-use boxline_proto::json::{face_json, read_calibration, read_recording, report_json};
+use boxline::{FaceOutcome, Frame, Outcome, StageTimes, measure_box_with_hints, measure_face_with_hint};
+use boxline_proto::json::{face_json, hint_json, read_calibration, read_recording, report_json};
 use std::path::{Path, PathBuf};
 
 const MEASURED: u8 = 0;
@@ -34,8 +34,8 @@ pub fn measure(args: &MeasureArgs) -> anyhow::Result<Finished> {
     let (frame_a, frame_b) = (read_frame(&first.1)?, read_frame(&second.1)?);
     let network = args.how.network.load(args.how.edges)?;
     let settings = args.how.settings(args.choose, network.as_ref());
-    let report =
-        measure_box(&frame_a, &frame_b, &calibration, &settings, &mut StageTimes::new()).map_err(|e| {
+    let (report, hints) =
+        measure_box_with_hints(&frame_a, &frame_b, &calibration, &settings, &mut StageTimes::new()).map_err(|e| {
             // The library knows frames, not files: the culprit is the one that does not fit.
             let fits = |frame: &Frame| {
                 (frame.width_px(), frame.height_px())
@@ -52,8 +52,15 @@ pub fn measure(args: &MeasureArgs) -> anyhow::Result<Finished> {
         ];
         overlay::write(&overlay::draw(&views, &Headline::of_box(&report.outcome))?, path)?;
     }
-    let stdout =
-        if args.output.json { report_json(&report, names).to_string() } else { text::of_box(&report, names) };
+    let stdout = if args.output.json {
+        let mut json = report_json(&report, names);
+        for (face, hint) in hints.iter().enumerate() {
+            json["faces"][face]["hint"] = hint_json(hint.as_ref());
+        }
+        json.to_string()
+    } else {
+        text::of_box(&report, names, &hints)
+    };
     let exit_code = match report.outcome {
         Outcome::Measured(_) => MEASURED,
         Outcome::Ambiguous(_) => AMBIGUOUS,
@@ -69,7 +76,7 @@ pub fn face(args: &FaceArgs) -> anyhow::Result<Finished> {
     let frame = read_frame(&args.frame)?;
     let network = args.how.network.load(args.how.edges)?;
     let settings = args.how.settings(None, network.as_ref());
-    let face = measure_face(&frame, &calibration, &settings, &mut StageTimes::new())
+    let (face, hint) = measure_face_with_hint(&frame, &calibration, &settings, &mut StageTimes::new())
         .map_err(|e| e.in_context(args.frame.display()))?;
     let name = file_name(&args.frame);
 
@@ -77,8 +84,13 @@ pub fn face(args: &FaceArgs) -> anyhow::Result<Finished> {
         let view = View { name: &name, frame: &frame, face: &face };
         overlay::write(&overlay::draw(&[view], &Headline::of_face(&face))?, path)?;
     }
-    let stdout =
-        if args.output.json { face_json(&face, &name).to_string() } else { text::of_face(&face, &name) };
+    let stdout = if args.output.json {
+        let mut json = face_json(&face, &name);
+        json["faces"][0]["hint"] = hint_json(hint.as_ref());
+        json.to_string()
+    } else {
+        text::of_face(&face, &name, hint.as_ref())
+    };
     let exit_code = match face {
         FaceOutcome::Measured(_) => MEASURED,
         FaceOutcome::Rejected(_) => REFUSED,

@@ -1,9 +1,9 @@
 //! Results as text for people.
 
-use boxline::{BoxMeasurement, BoxReport, Estimate, FaceOutcome, Outcome, Reject, Volume};
+use boxline::{BoxMeasurement, BoxReport, Estimate, FaceOutcome, Hint, Outcome, Reject, Volume};
 
 /// A box, in lines.
-pub fn of_box(report: &BoxReport, names: [&str; 2]) -> String {
+pub fn of_box(report: &BoxReport, names: [&str; 2], hints: &[Option<Hint>; 2]) -> String {
     let mut text = String::new();
     match &report.outcome {
         Outcome::Measured(measurement) => {
@@ -21,14 +21,15 @@ pub fn of_box(report: &BoxReport, names: [&str; 2]) -> String {
         Outcome::Rejected(reject) => push(&mut text, &format!("box: {}", refusal(reject))),
     }
     push(&mut text, "");
-    for (face, name) in report.faces.iter().zip(names) {
+    for ((face, name), hint) in report.faces.iter().zip(names).zip(hints) {
         push(&mut text, &format!("frame {name}: {}", face_line(face)));
+        push_hint(&mut text, hint.as_ref());
     }
     text
 }
 
 /// A single face, in lines.
-pub fn of_face(face: &FaceOutcome, name: &str) -> String {
+pub fn of_face(face: &FaceOutcome, name: &str, hint: Option<&Hint>) -> String {
     let mut text = String::new();
     match face {
         FaceOutcome::Measured(m) => {
@@ -39,7 +40,15 @@ pub fn of_face(face: &FaceOutcome, name: &str) -> String {
         }
         FaceOutcome::Rejected(reject) => push(&mut text, &format!("frame {name}: {}", refusal(reject))),
     }
+    push_hint(&mut text, hint);
     text
+}
+
+/// How to move, if moving helps.
+fn push_hint(text: &mut String, hint: Option<&Hint>) {
+    if let Some(hint) = hint {
+        push(text, &format!("How to move: {hint}."));
+    }
 }
 
 fn push(text: &mut String, line: &str) {

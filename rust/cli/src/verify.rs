@@ -30,7 +30,8 @@ pub struct VerifyArgs {
     pub json: bool,
 }
 
-fn positive(text: &str) -> Result<f64, String> {
+/// A positive number of mm.
+pub fn positive(text: &str) -> Result<f64, String> {
     text.parse()
         .ok()
         .filter(|x: &f64| x.is_finite() && *x > 0.0)

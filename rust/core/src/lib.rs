@@ -11,9 +11,12 @@ pub mod camera;
 mod cuboid;
 #[doc(hidden)]
 pub mod diagnostics;
+pub mod drift;
 mod edges;
 pub mod error;
 mod face;
+mod face_lines;
+pub mod feasibility;
 pub mod frames;
 pub mod image;
 pub mod measurement;
@@ -27,12 +30,13 @@ pub mod units;
 pub use calibration::Calibration;
 pub use camera::CameraModel;
 pub use error::{Error, ErrorKind};
+pub use feasibility::Hint;
 pub use image::Frame;
 pub use measurement::{
     BoxMeasurement, BoxReport, EdgeMethod, FaceMeasurement, FaceOutcome, Method, Outcome, Settings,
     StageTimes,
 };
 pub use network::{Channel, FaceMaps, Network};
-pub use pipeline::{measure_box, measure_face};
+pub use pipeline::{measure_box, measure_box_with_hints, measure_face, measure_face_with_hint};
 pub use reject::Reject;
 pub use units::{Estimate, LaserId, Px, Volume};

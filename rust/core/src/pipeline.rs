@@ -6,6 +6,9 @@ use crate::edges::{EdgeDetector, hough::HoughDetector, subpixel::GradientDetecto
 use crate::error::{Error, ErrorKind};
 use crate::face::extent::{FaceStripes, follow_stripes, inner_segments};
 use crate::face::map_outline::{MapOutline, map_outline, mask_at_border};
+use crate::face::raster::PlaneRaster;
+use crate::face_lines::view::FacePose;
+use crate::feasibility::Hint;
 use crate::frames::{Cam, Plane};
 use crate::image::Frame;
 use crate::image::redness::{Diagonal, half_redness, ridge_map};
@@ -30,13 +33,24 @@ const MIN_INNER_SHARE: f64 = 0.15;
 /// Robust scatter of the stripe centres in units of their own sigmas: more is no plane.
 const MAX_SCALE: f64 = 3.5;
 
-/// Adds the time since the last call to the list.
+/// Adds the time since the last call to the list, and keeps the last rectangle that was seen: if the view is refused, it
+/// says how to move.
 struct Clock<'a> {
     since: Instant,
     times: &'a mut StageTimes,
+    seen: Option<FacePose>,
 }
 
-impl Clock<'_> {
+impl<'a> Clock<'a> {
+    fn new(times: &'a mut StageTimes) -> Self {
+        Self { since: Instant::now(), times, seen: None }
+    }
+
+    fn see(&mut self, raster: &PlaneRaster, offsets_mm: &[f64; 4]) {
+        let corners = rectangle::corner_points(offsets_mm).map(|corner| raster.cam_point(corner).mm);
+        self.seen = FacePose::from_corners(corners).or(self.seen);
+    }
+
     fn lap(&mut self, stage: &'static str) {
         let now = Instant::now();
         let nanos = u64::try_from((now - self.since).as_nanos()).unwrap_or(u64::MAX);
@@ -58,6 +72,19 @@ pub fn measure_face(
     settings: &Settings,
     times: &mut StageTimes,
 ) -> Result<FaceOutcome, Error> {
+    measure_face_with_hint(frame, calibration, settings, times).map(|(outcome, _)| outcome)
+}
+
+/// As [`measure_face`]; for a refused view with how to move, if moving helps.
+///
+/// # Errors
+/// As [`measure_face`].
+pub fn measure_face_with_hint(
+    frame: &Frame,
+    calibration: &Calibration,
+    settings: &Settings,
+    times: &mut StageTimes,
+) -> Result<(FaceOutcome, Option<Hint>), Error> {
     if frame.width_px() != calibration.width_px() as usize
         || frame.height_px() != calibration.height_px() as usize
     {
@@ -73,20 +100,20 @@ pub fn measure_face(
         ));
     }
     check_wanted(settings)?;
-    let mut clock = Clock { since: Instant::now(), times };
+    let mut clock = Clock::new(times);
     let maps = asked_network(settings).map(|network| network.maps(frame)).transpose()?;
     clock.lap("network");
     check_wanted(settings)?;
     let faces = face_stages(frame, calibration, settings, maps.as_ref(), Which::Best, &mut clock);
     check_wanted(settings)?; // what was cut short is no result
-    Ok(match faces {
-        Ok(faces) => faces
-            .into_iter()
-            .next()
-            .map_or(FaceOutcome::Rejected(Reject::RectangleOpen { sides_found: 0 }), |face| {
-                FaceOutcome::Measured(Box::new(face))
-            }),
-        Err(reject) => FaceOutcome::Rejected(reject),
+    let face =
+        faces.and_then(|faces| faces.into_iter().next().ok_or(Reject::RectangleOpen { sides_found: 0 }));
+    Ok(match face {
+        Ok(face) => (FaceOutcome::Measured(Box::new(face)), None),
+        Err(reject) => {
+            let hint = Hint::new(calibration, clock.seen.as_ref(), &reject);
+            (FaceOutcome::Rejected(reject), hint)
+        }
     })
 }
 
@@ -122,17 +149,21 @@ fn face_stages(
     let planes = grid_search::find_planes(calibration, &evidence, PLANES);
     clock.lap("grid");
     let mut refusal: Option<(f32, Reject)> = None;
+    let mut seen = None;
     for hypothesis in planes.iter().take_while(|_| !unwanted(settings)) {
+        clock.seen = None;
         let result = measure_on_plane(frame, calibration, settings, maps, hypothesis, which, clock);
         match result {
             Ok(faces) => return Ok(faces),
             Err(reject) => {
                 if refusal.as_ref().is_none_or(|(total, _)| hypothesis.total() > *total) {
                     refusal = Some((hypothesis.total(), reject));
+                    seen = clock.seen;
                 }
             }
         }
     }
+    clock.seen = seen;
     match refusal {
         // Whether a stripe is dark or misses the face is told by the other three.
         Some((_, reject)) if !matches!(reject, Reject::NoBox { .. } | Reject::StripeNotFound { .. }) => {
@@ -169,6 +200,9 @@ fn measure_on_plane(
         let face = follow_stripes(frame, calibration, &inner, None);
         face.and_then(|face| cut_by_border(frame, &face)).unwrap_or(unsure)
     })?;
+    if let Some(outline) = &outline {
+        clock.see(&outline.raster, &outline.offsets_mm);
+    }
     let limits = outline.as_ref().and_then(|o| limits(calibration, o));
     let face = follow_stripes(frame, calibration, &inner, limits.as_ref());
     clock.lap("stripes");
@@ -187,7 +221,11 @@ fn measure_on_plane(
         EdgeMethod::Hough => &hough,
     };
     let mut faces = Vec::new();
-    for (index, rough) in roughs?.iter().enumerate() {
+    let roughs = roughs?;
+    if let Some(rough) = roughs.first() {
+        clock.see(&rough.raster, &rough.offsets_mm);
+    }
+    for (index, rough) in roughs.iter().enumerate() {
         let keep_out = rectangle::keep_out(calibration, &face, rough);
         let edges = detector.edge_points(frame, calibration, rough, &keep_out);
         clock.lap("edges");
@@ -269,8 +307,26 @@ pub fn measure_box(
     settings: &Settings,
     times: &mut StageTimes,
 ) -> Result<BoxReport, Error> {
-    let a = measure_face(first, calibration, settings, times).map_err(|e| e.in_context("first frame"))?;
-    let b = measure_face(second, calibration, settings, times).map_err(|e| e.in_context("second frame"))?;
+    measure_box_with_hints(first, second, calibration, settings, times).map(|(report, _)| report)
+}
+
+/// As [`measure_box`]; for each refused view with how to move, if moving helps.
+///
+/// # Errors
+/// As [`measure_box`].
+pub fn measure_box_with_hints(
+    first: &Frame,
+    second: &Frame,
+    calibration: &Calibration,
+    settings: &Settings,
+    times: &mut StageTimes,
+) -> Result<(BoxReport, [Option<Hint>; 2]), Error> {
+    let mut face = |frame: &Frame, name: &str| {
+        measure_face_with_hint(frame, calibration, settings, times).map_err(|e| e.in_context(name))
+    };
+    let (a, hint_a) = face(first, "first frame")?;
+    let (b, hint_b) = face(second, "second frame")?;
+    let hints = [hint_a, hint_b];
     let outcome = match (&a, &b) {
         (FaceOutcome::Measured(a), FaceOutcome::Measured(b)) => cuboid::assemble(a, b, settings.choose),
         (FaceOutcome::Rejected(r), _) | (_, FaceOutcome::Rejected(r)) => Outcome::Rejected(r.clone()),
@@ -278,10 +334,10 @@ pub fn measure_box(
     if asked_network(settings).is_some()
         || !matches!(outcome, Outcome::Rejected(Reject::SidesDisagree { .. }))
     {
-        return Ok(BoxReport { outcome, faces: [a, b] });
+        return Ok((BoxReport { outcome, faces: [a, b] }, hints));
     }
     let agreed = with_alternatives([first, second], calibration, settings, times);
-    Ok(agreed.unwrap_or(BoxReport { outcome, faces: [a, b] }))
+    Ok((agreed.unwrap_or(BoxReport { outcome, faces: [a, b] }), hints))
 }
 
 /// When the likeliest faces share no side, one of them may be two flush faces in one: the pair of alternatives that does
@@ -292,7 +348,7 @@ fn with_alternatives(
     settings: &Settings,
     times: &mut StageTimes,
 ) -> Option<BoxReport> {
-    let mut clock = Clock { since: Instant::now(), times };
+    let mut clock = Clock::new(times);
     let [first, second] = frames.map(|frame| {
         face_stages(frame, calibration, settings, None, Which::WithAlternatives, &mut clock).ok()
     });

@@ -23,6 +23,8 @@ use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::time::Instant;
 
+pub use plots::COLOURS;
+
 const SOLVED: u8 = 0;
 const REFUSED: u8 = 3;
 /// Sides whose standard deviation is told, mm.

@@ -18,6 +18,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use score::{BoxScore, FaceScore, RecordingScore};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
+pub use tables::table;
 
 /// Runs `boxline evaluate`.
 pub fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Finished> {

@@ -167,7 +167,7 @@ fn corners_outside(
 }
 
 /// Corners on the raster, going round from low a, low b along a.
-fn corner_points([a0, a1, b0, b1]: &[f64; 4]) -> [OnPlane; 4] {
+pub(crate) fn corner_points([a0, a1, b0, b1]: &[f64; 4]) -> [OnPlane; 4] {
     [OnPlane::new(*a0, *b0), OnPlane::new(*a1, *b0), OnPlane::new(*a1, *b1), OnPlane::new(*a0, *b1)]
 }
 
