@@ -151,7 +151,8 @@ fn proposed(calibration: &Calibration, drift: &Drift) -> anyhow::Result<Value> {
 }
 
 fn lasers_json(drift: &Drift) -> Value {
-    let motion = |m: &LaserMotion| json!({"tilt_rad": m.tilt_rad, "twist_rad": m.twist_rad, "shift_mm": m.shift_mm});
+    let motion =
+        |m: &LaserMotion| json!({"tilt_rad": m.tilt_rad, "twist_rad": m.twist_rad, "shift_mm": m.shift_mm});
     let laser = |(change, sigma): &(LaserMotion, LaserMotion)| json!({"change": motion(change), "sigma": motion(sigma)});
     drift.lasers.iter().map(laser).collect::<Vec<_>>().into()
 }
@@ -161,7 +162,9 @@ fn drift_json(drift: &Drift, seen: &[Seen], calibration: &Calibration) -> Value 
     let faces: Vec<Value> = seen
         .iter()
         .map(|s| match &s.face {
-            Ok(_) => json!({"frame": s.name, "chi_square": chi_squares.next().copied().flatten(), "why_not": null}),
+            Ok(_) => {
+                json!({"frame": s.name, "chi_square": chi_squares.next().copied().flatten(), "why_not": null})
+            }
             Err(why) => json!({"frame": s.name, "chi_square": null, "why_not": why}),
         })
         .collect();
@@ -239,7 +242,9 @@ fn text(drift: &Drift, seen: &[Seen], calibration: &Calibration, output: Option<
     }
     match output {
         Some(path) => lines.push(format!("proposed   {}", path.display())),
-        None if test.significant() => lines.push("-o FILE writes the calibration that the boxes propose".to_owned()),
+        None if test.significant() => {
+            lines.push("-o FILE writes the calibration that the boxes propose".to_owned())
+        }
         None => {}
     }
     lines.push("(± is one standard deviation)".to_owned());
@@ -261,9 +266,11 @@ fn directions_line(drift: &Drift, kind: DirectionKind) -> Option<String> {
         });
     }
     let sigma = |d: &&&Direction| d.turn_sigma_rad() * 1e3;
-    let (best, worst) = told.iter().map(sigma).fold((f64::INFINITY, 0.0f64), |(b, w), s| (b.min(s), w.max(s)));
+    let (best, worst) =
+        told.iter().map(sigma).fold((f64::INFINITY, 0.0f64), |(b, w), s| (b.min(s), w.max(s)));
     let range = if told.is_empty() { String::new() } else { format!(", ± {best:.4} to {worst:.4} mrad") };
-    let more = if told.len() < of_kind.len() { format!("; the rest needs {}", kind.needs()) } else { String::new() };
+    let more =
+        if told.len() < of_kind.len() { format!("; the rest needs {}", kind.needs()) } else { String::new() };
     Some(format!("{name}: {} of {} directions observable{range}{more}", told.len(), of_kind.len()))
 }
 

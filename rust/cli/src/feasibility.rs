@@ -34,7 +34,8 @@ pub struct FeasibilityArgs {
 }
 
 fn size(text: &str) -> Result<[f64; 2], String> {
-    let parse = |part: &str| part.trim().parse::<f64>().ok().filter(|mm| mm.is_finite() && *mm > 0.0 && *mm < 1e5);
+    let parse =
+        |part: &str| part.trim().parse::<f64>().ok().filter(|mm| mm.is_finite() && *mm > 0.0 && *mm < 1e5);
     let sides = text.split_once(['x', 'X']).and_then(|(a, b)| Some([parse(a)?, parse(b)?]));
     let [a, b] = sides.ok_or("two lengths in mm are needed, as 800x600")?;
     Ok([a.max(b), a.min(b)])
@@ -72,13 +73,13 @@ pub fn feasibility(args: &FeasibilityArgs) -> anyhow::Result<Finished> {
         std::fs::write(path, svg)
             .map_err(|e| anyhow::Error::new(e).context(format!("{}: cannot write", path.display())))?;
     }
-    let stdout = if args.json { all_json(&rows, &calibration).to_string() } else { table(&rows, &calibration) };
+    let stdout =
+        if args.json { all_json(&rows, &calibration).to_string() } else { table(&rows, &calibration) };
     Ok(Finished { stdout, exit_code: DONE })
 }
 
 fn table(rows: &[Row], calibration: &Calibration) -> String {
-    let header =
-        ["face, mm", "from, mm", "to, mm", "best at, mm", "± length, mm", "± width, mm", "mostly"];
+    let header = ["face, mm", "from, mm", "to, mm", "best at, mm", "± length, mm", "± width, mm", "mostly"];
     let mut table = crate::evaluate::table(&header, 1);
     for row in rows {
         let [length, width] = row.size_mm;
@@ -93,7 +94,15 @@ fn table(rows: &[Row], calibration: &Calibration) -> String {
                 format!("{:.2}", best.width.total_mm()),
                 main_cause(&best.length).to_owned(),
             ]),
-            _ => table.add_row([name, "-".into(), "-".into(), "cannot be measured".into(), "-".into(), "-".into(), String::new()]),
+            _ => table.add_row([
+                name,
+                "-".into(),
+                "-".into(),
+                "cannot be measured".into(),
+                "-".into(),
+                "-".into(),
+                String::new(),
+            ]),
         };
     }
     let note = if calibration.covariance().is_none() {

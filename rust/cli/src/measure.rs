@@ -35,14 +35,16 @@ pub fn measure(args: &MeasureArgs) -> anyhow::Result<Finished> {
     let network = args.how.network.load(args.how.edges)?;
     let settings = args.how.settings(args.choose, network.as_ref());
     let (report, hints) =
-        measure_box_with_hints(&frame_a, &frame_b, &calibration, &settings, &mut StageTimes::new()).map_err(|e| {
-            // The library knows frames, not files: the culprit is the one that does not fit.
-            let fits = |frame: &Frame| {
-                (frame.width_px(), frame.height_px())
-                    == (calibration.width_px() as usize, calibration.height_px() as usize)
-            };
-            e.in_context(if fits(&frame_a) { second.1.display() } else { first.1.display() })
-        })?;
+        measure_box_with_hints(&frame_a, &frame_b, &calibration, &settings, &mut StageTimes::new()).map_err(
+            |e| {
+                // The library knows frames, not files: the culprit is the one that does not fit.
+                let fits = |frame: &Frame| {
+                    (frame.width_px(), frame.height_px())
+                        == (calibration.width_px() as usize, calibration.height_px() as usize)
+                };
+                e.in_context(if fits(&frame_a) { second.1.display() } else { first.1.display() })
+            },
+        )?;
     let names = [first.0.as_str(), second.0.as_str()];
 
     if let Some(path) = &args.output.overlay {

@@ -1,12 +1,20 @@
-//! Time of each public step on a recorded frame: `cargo bench -p boxline`.
+//! Time of each stage and of the whole way on recorded frames, without network: `cargo bench -p boxline`. A stage's time is what
+//! the pipeline itself notes while it measures a face, so each is timed on the data that it really gets. What the times mean
+//! and where they go: `rust/SPEED.md`.
 
 #![allow(missing_docs)] // of the function that criterion_group! makes
 
-use boxline::{Calibration, Frame, Settings, measure_box, measure_face};
+use boxline::{Calibration, EdgeMethod, Frame, Settings, StageTimes, measure_box, measure_face};
 use boxline_proto::json::{read_calibration, read_recording};
 use criterion::{Criterion, criterion_group, criterion_main};
 use std::hint::black_box;
 use std::path::Path;
+use std::time::Duration;
+
+/// Small and near; ordinary; large and far.
+const RECORDINGS: [&str; 3] = ["b01", "b02", "b04"];
+/// As the pipeline names them.
+const STAGES: [&str; 6] = ["ridge", "grid", "stripes", "sides", "edges", "fit"];
 
 /// The calibration and both JPEGs of a recording.
 fn recording(name: &str) -> (Calibration, [Vec<u8>; 2]) {
@@ -21,19 +29,37 @@ fn recording(name: &str) -> (Calibration, [Vec<u8>; 2]) {
 }
 
 fn stages(criterion: &mut Criterion) {
-    let (calibration, jpegs) = recording("b02");
-    let [a, b] = jpegs.each_ref().map(|bytes| Frame::from_jpeg(bytes).expect("a whole JPEG"));
-    let settings = Settings::default();
-    let mut group = criterion.benchmark_group("b02");
-    group.sample_size(10);
-    group.bench_function("decode_jpeg", |bench| bench.iter(|| Frame::from_jpeg(black_box(&jpegs[0]))));
-    group.bench_function("measure_face", |bench| {
-        bench.iter(|| measure_face(black_box(&a), &calibration, &settings, &mut Vec::new()));
-    });
-    group.bench_function("measure_box", |bench| {
-        bench.iter(|| measure_box(black_box(&a), &b, &calibration, &settings, &mut Vec::new()));
-    });
-    group.finish();
+    let settings = Settings { edges: EdgeMethod::Gradient, ..Settings::default() };
+    for name in RECORDINGS {
+        let (calibration, jpegs) = recording(name);
+        let frame = Frame::from_jpeg(&jpegs[0]).expect("a whole JPEG");
+        let mut group = criterion.benchmark_group(name);
+        group.sample_size(10);
+        group.bench_function("decode_jpeg", |bench| bench.iter(|| Frame::from_jpeg(black_box(&jpegs[0]))));
+        for stage in STAGES {
+            group.bench_function(stage, |bench| {
+                bench.iter_custom(|rounds| {
+                    let mut nanos = 0;
+                    for _ in 0..rounds {
+                        let mut times = StageTimes::new();
+                        let face = measure_face(black_box(&frame), &calibration, &settings, &mut times);
+                        black_box(face).expect("the sizes fit");
+                        nanos += times.iter().filter(|(name, _)| *name == stage).map(|(_, n)| n).sum::<u64>();
+                    }
+                    Duration::from_nanos(nanos)
+                });
+            });
+        }
+        // Two JPEGs in memory to a result.
+        group.bench_function("whole_pair", |bench| {
+            bench.iter(|| {
+                let [a, b] =
+                    jpegs.each_ref().map(|bytes| Frame::from_jpeg(black_box(bytes)).expect("a whole JPEG"));
+                measure_box(&a, &b, &calibration, &settings, &mut Vec::new())
+            });
+        });
+        group.finish();
+    }
 }
 
 criterion_group!(benches, stages);

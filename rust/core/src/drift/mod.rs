@@ -16,11 +16,11 @@ pub use significance::ChangeTest;
 
 use crate::calibration::{Calibration, CalibrationCovariance};
 use crate::error::{Error, ErrorKind};
+use crate::face_lines::FaceLines;
 use crate::face_lines::laser_motion::{
     MotionMatrix, Motions, all_planes_by_motion, blocks, motions_of, moved,
 };
 use crate::face_lines::model::{FaceState, FittedFace, KnownSide, REDUNDANT};
-use crate::face_lines::FaceLines;
 use crate::frames::{Cam, Plane};
 use crate::measurement::FaceMeasurement;
 use crate::units::LaserId;
@@ -148,13 +148,8 @@ pub fn estimate_drift(calibration: &Calibration, faces: &[ObservedFace]) -> Resu
     let known: Vec<Vec<KnownSide>> = faces
         .iter()
         .map(|face| {
-            let nominal = FittedFace::new(
-                calibration.camera(),
-                calibration.lasers(),
-                &face.lines,
-                &[],
-                &face.start,
-            );
+            let nominal =
+                FittedFace::new(calibration.camera(), calibration.lasers(), &face.lines, &[], &face.start);
             nominal.map_or_else(Vec::new, |fitted| face.known_sides(&fitted))
         })
         .collect();
@@ -276,10 +271,7 @@ fn pulled(units: &MotionMatrix, motions: &Motions) -> Motions {
 }
 
 /// The calibration's own covariance of the planes as motions; zero without one.
-fn calibrated_covariance(
-    calibration: &Calibration,
-    by_motion: &[Matrix3<f64>; 4],
-) -> Option<MotionMatrix> {
+fn calibrated_covariance(calibration: &Calibration, by_motion: &[Matrix3<f64>; 4]) -> Option<MotionMatrix> {
     let Some(covariance) = calibration.covariance() else { return Some(MotionMatrix::zeros()) };
     let planes: SMatrix<f64, 12, 12> = covariance.fixed_view::<12, 12>(6, 6).into();
     let mut to_motions = MotionMatrix::zeros();

@@ -41,8 +41,9 @@ pub(super) fn test(
     let estimate = inverse * motions;
     let own = inverse * calibrated * inverse.transpose();
     // At the posterior's maximum the faces alone would have gone farther: y (1 + 1 / eigenvalue).
-    let change =
-        DVector::from_fn(n, |i, _| observable[i].vector.dot(&estimate) * (1.0 + 1.0 / observable[i].eigenvalue));
+    let change = DVector::from_fn(n, |i, _| {
+        observable[i].vector.dot(&estimate) * (1.0 + 1.0 / observable[i].eigenvalue)
+    });
     let covariance = DMatrix::from_fn(n, n, |i, j| {
         let own = (observable[i].vector.transpose() * own * observable[j].vector)[0];
         own + if i == j { 1.0 / observable[i].eigenvalue } else { 0.0 }

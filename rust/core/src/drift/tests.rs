@@ -135,7 +135,8 @@ fn a_changed_scale_shows_only_against_known_lengths() {
     let with = estimate_drift(&head(), &with_ruler(seen, 1.002)).expect("60 faces");
     assert!(with.test.degrees_of_freedom == 12 && with.test.significant(), "{:?}", with.test);
     let updated = with.apply(&head()).expect("a head");
-    let wider = updated.lasers()[0].normal_and_distance_mm().1 / head().lasers()[0].normal_and_distance_mm().1;
+    let wider =
+        updated.lasers()[0].normal_and_distance_mm().1 / head().lasers()[0].normal_and_distance_mm().1;
     let sigma = with.directions.iter().map(|d| d.scale_sigma).fold(0.0, f64::max);
     assert!(sigma < PRIOR_SCALE && (wider - 1.002).abs() < 3.0 * sigma, "{wider}, sigma {sigma}");
 }
@@ -184,7 +185,7 @@ fn how_often_a_moved_laser_is_seen() {
     let mut noise = Noise(21);
     println!("faces | still | one laser tilted by 0.01 | 0.02 | 0.05 | 0.2 mrad | sigma of its tilt, mrad");
     for count in [6, 10, 20, 40] {
-        let runs = 400;
+        let runs = 200;
         let mut rates = Vec::new();
         let mut sigma = 0.0;
         for tilt_rad in [0.0, 0.01e-3, 0.02e-3, 0.05e-3, 0.2e-3] {

@@ -62,20 +62,23 @@ fn tone_of(frame: &Frame, u: f64, v: f64, value: impl Fn(u8) -> f32) -> Option<T
     if !(u >= 0.0 && v >= 0.0) {
         return None;
     }
-    let (x, y) = (u as usize, v as usize);
+    // Through 32 bits: one instruction, where a cast to usize takes several.
+    let (x, y) = (u as u32, v as u32);
+    let (fu, fv) = ((u - f64::from(x)) as f32, (v - f64::from(y)) as f32);
+    let (x, y) = (x as usize, y as usize);
     if x + 1 >= w || y + 1 >= h {
         return None;
     }
-    let (fu, fv) = ((u - x as f64) as f32, (v - y as f64) as f32);
-    let rgb = frame.rgb();
+    let rows = [y, y + 1].map(|row| frame.rgb().get((row * w + x) * 3..(row * w + x) * 3 + 6));
+    let [Some(top), Some(bottom)] = rows else { return None };
     let mut result = [0.0; 2];
-    for (index, weight) in [
-        (y * w + x, (1.0 - fu) * (1.0 - fv)),
-        (y * w + x + 1, fu * (1.0 - fv)),
-        ((y + 1) * w + x, (1.0 - fu) * fv),
-        ((y + 1) * w + x + 1, fu * fv),
+    for (p, weight) in [
+        (&top[..3], (1.0 - fu) * (1.0 - fv)),
+        (&top[3..], fu * (1.0 - fv)),
+        (&bottom[..3], (1.0 - fu) * fv),
+        (&bottom[3..], fu * fv),
     ] {
-        let [red, green, blue] = [0, 1, 2].map(|c| value(rgb[index * 3 + c]));
+        let [red, green, blue] = [p[0], p[1], p[2]].map(&value);
         result[0] += weight * 0.5 * (green + blue);
         result[1] += weight * 0.5 * (red - blue);
     }

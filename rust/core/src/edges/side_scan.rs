@@ -116,19 +116,34 @@ impl SideScan {
         Self { start_mm: from_mm, step_mm, steps, strength }
     }
 
-    /// Strength of the straight edge at `offset_mm` (at the middle of the side) with `drift_mm` from end to end.
-    fn strength_at(&self, step: f64, drift_steps: f64) -> f32 {
-        let mut sum = 0.0;
-        for segment in 0..SEGMENTS {
-            let t = (segment as f64 + 0.5) / SEGMENTS as f64 - 0.5;
-            let k = (step + drift_steps * t).round();
-            if k >= 1.0 && (k as usize) + 1 < self.steps {
-                let row = &self.strength[segment * self.steps..][..self.steps];
-                let k = k as usize;
-                sum += row[k].max(0.7 * row[k - 1].max(row[k + 1]));
+    /// Largest strength of a straight edge through each step at the middle of the side, over all drifts from end to end.
+    fn best_strengths(&self, max_drift_steps: i64) -> Vec<f32> {
+        let n = self.steps;
+        // An edge between two steps counts at both.
+        let mut wide = vec![0f32; SEGMENTS * n];
+        for (wide, row) in wide.chunks_exact_mut(n).zip(self.strength.chunks_exact(n)) {
+            for (w, near) in wide[1..].iter_mut().zip(row.windows(3)) {
+                *w = near[1].max(0.7 * near[0].max(near[2]));
             }
         }
-        sum / SEGMENTS as f32
+        let mut best = vec![0f32; n];
+        let mut sum = vec![0f32; n];
+        for drift in -max_drift_steps..=max_drift_steps {
+            sum.fill(0.0);
+            for (segment, wide) in wide.chunks_exact(n).enumerate() {
+                let t = (segment as f64 + 0.5) / SEGMENTS as f64 - 0.5;
+                let shift = (drift as f64 * t + 0.5).floor() as isize;
+                // Whole rows at once: sum[k] += wide[k + shift].
+                let (to, from) = if shift >= 0 { (0, shift as usize) } else { (shift.unsigned_abs(), 0) };
+                for (s, w) in sum.iter_mut().skip(to).zip(wide.iter().skip(from)) {
+                    *s += w;
+                }
+            }
+            for (b, s) in best.iter_mut().zip(&sum) {
+                *b = b.max(s / SEGMENTS as f32);
+            }
+        }
+        best
     }
 
     /// The strongest edges, at least `apart_mm` from each other, strongest first.
@@ -141,9 +156,7 @@ impl SideScan {
     ) -> Vec<EdgeCandidate> {
         let max_drift = (max_drift_mm / self.step_mm).round().clamp(0.0, 40.0) as i64;
         let mut all = Vec::new();
-        for k in 0..self.steps {
-            let best =
-                (-max_drift..=max_drift).map(|d| self.strength_at(k as f64, d as f64)).fold(0.0, f32::max);
+        for (k, best) in self.best_strengths(max_drift).into_iter().enumerate() {
             if best >= least {
                 let offset_mm = self.start_mm + k as f64 * self.step_mm;
                 all.push(EdgeCandidate { offset_mm, strength: best });

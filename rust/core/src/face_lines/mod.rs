@@ -50,9 +50,8 @@ impl FaceLines {
     pub fn from_measurement(calibration: &Calibration, face: &FaceMeasurement) -> Option<Self> {
         let distance_mm = face.corners.iter().map(|c| c.mm.z).sum::<f64>() / 4.0;
         let side_systematic = side_systematic_px(calibration, distance_mm);
-        let stripe = |id: LaserId| {
-            line_through(calibration, &face.stripe_points_px[id.index()], STRIPE_SYSTEMATIC_PX)
-        };
+        let stripe =
+            |id: LaserId| line_through(calibration, &face.stripe_points_px[id.index()], STRIPE_SYSTEMATIC_PX);
         let side = |i: usize| line_through(calibration, &face.edge_points_px[i], side_systematic);
         let [l1, l2, l3, l4] = LaserId::ALL;
         Some(Self {
@@ -85,7 +84,7 @@ pub(crate) fn line_through(calibration: &Calibration, points: &[Px], systematic_
     let mut fitted = None;
     for iteration in 0..ITERATIONS {
         let sum: f64 = weights.iter().sum();
-        let middle = weighted(&rays, &weights, |r| *r) / sum;
+        let middle = rays.iter().zip(&weights).fold(Vector2::zeros(), |m, (r, w)| m + r * (*w / sum));
         let mut scatter = Matrix2::zeros();
         for (r, w) in rays.iter().zip(&weights) {
             scatter += (r - middle) * (r - middle).transpose() * (*w / sum);
@@ -124,14 +123,6 @@ pub(crate) fn line_through(calibration: &Calibration, points: &[Px], systematic_
         Some(LinePoint { at: calibration.camera().px_from_ray(&Ray::new(at.x, at.y))?, sigma_px })
     };
     Some([point(-1.0)?, point(1.0)?])
-}
-
-fn weighted(
-    rays: &[Vector2<f64>],
-    weights: &[f64],
-    of: impl Fn(&Vector2<f64>) -> Vector2<f64>,
-) -> Vector2<f64> {
-    rays.iter().zip(weights).fold(Vector2::zeros(), |sum, (r, w)| sum + of(r) * *w)
 }
 
 /// Variance of the residuals and for how many independent ones they stand: n / (1 + 2 sum of the autocorrelation up to

@@ -57,12 +57,10 @@ pub(crate) fn drawn_pose(noise: &mut Noise) -> FacePose {
     let distance = ((length + width) / noise.between(0.7, 1.1)).clamp(350.0, 2500.0);
     let quarter = (noise.uniform() * 4.0).floor();
     let roll = (45.0 + 90.0 * quarter + noise.between(-10.0, 10.0)).to_radians();
-    let (tilt, towards) =
-        (noise.between(0.0, 40.0).to_radians(), noise.between(0.0, std::f64::consts::TAU));
+    let (tilt, towards) = (noise.between(0.0, 40.0).to_radians(), noise.between(0.0, std::f64::consts::TAU));
     let axis = nalgebra::Unit::new_normalize(Vector3::new(towards.cos(), towards.sin(), 0.0));
     let turn = Rotation3::from_axis_angle(&axis, tilt);
-    let middle =
-        Vector3::new(noise.between(-0.06, 0.06), noise.between(-0.06, 0.06) - 0.02, 1.0) * distance;
+    let middle = Vector3::new(noise.between(-0.06, 0.06), noise.between(-0.06, 0.06) - 0.02, 1.0) * distance;
     let along = turn * Vector3::new(roll.cos(), roll.sin(), 0.0);
     FacePose::new(along, turn * Vector3::z(), middle, [length, width]).expect("it faces the head")
 }
@@ -92,11 +90,7 @@ pub(crate) fn drawn_face(calibration: &Calibration, noise: &mut Noise) -> FacePo
 }
 
 /// A face and its lines, seen by `calibration` with so many sigmas of noise.
-pub(crate) fn some_face(
-    calibration: &Calibration,
-    noise: &mut Noise,
-    sigmas: f64,
-) -> (FaceState, FaceLines) {
+pub(crate) fn some_face(calibration: &Calibration, noise: &mut Noise, sigmas: f64) -> (FaceState, FaceLines) {
     let pose = drawn_face(calibration, noise);
     let mut lines = pose.lines(calibration, &USUAL).expect("all lines are in view");
     for [a, b] in lines.stripes.iter_mut().chain(&mut lines.sides) {

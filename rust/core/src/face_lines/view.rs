@@ -132,8 +132,9 @@ impl FacePose {
             let [a, b] = self.crossing(calibration, id)?.at;
             self.line(calibration, a, b, sigmas.stripe_px, STRIPE_SYSTEMATIC_PX * systematic)
         };
-        let side =
-            |i: usize| self.line(calibration, corners[i], corners[(i + 1) % 4], sigmas.edge_px, side_systematic);
+        let side = |i: usize| {
+            self.line(calibration, corners[i], corners[(i + 1) % 4], sigmas.edge_px, side_systematic)
+        };
         let [l1, l2, l3, l4] = LaserId::ALL;
         Some(FaceLines {
             stripes: [stripe(l1)?, stripe(l2)?, stripe(l3)?, stripe(l4)?],

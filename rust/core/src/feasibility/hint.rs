@@ -105,10 +105,7 @@ impl Hint {
                 let [l1, _, _, l4] = LaserId::ALL;
                 // Stripes 1 and 4 are the right ones of their pairs: the face lies to their left.
                 let right = if *laser == l1 || *laser == l4 { -1.0 } else { 1.0 };
-                vec![
-                    Move::Closer(None),
-                    Move::Aim { right_rad: right * BLIND_AIM_RAD * 0.5, down_rad: 0.0 },
-                ]
+                vec![Move::Closer(None), Move::Aim { right_rad: right * BLIND_AIM_RAD * 0.5, down_rad: 0.0 }]
             }
             _ => return None,
         };
@@ -358,7 +355,9 @@ mod tests {
                 .collect();
             by_hand += usize::from(obstacles(&calibration, &follow(&pose, &moves), 0.0).is_empty());
         }
-        println!("{helped} of {refused} refused views have a hint; {by_hand} are feasible when it is followed to 10 %");
+        println!(
+            "{helped} of {refused} refused views have a hint; {by_hand} are feasible when it is followed to 10 %"
+        );
         assert!(helped * 100 >= refused * 97, "{helped} of {refused} have a hint");
         assert!(by_hand * 100 >= helped * 90, "{by_hand} of {helped}");
     }
@@ -373,10 +372,15 @@ mod tests {
             let roll = follow(&pose, &[Move::RollClockwise(0.6)]);
             let near = follow(&pose, &[Move::Closer(Some(0.45 * pose.middle.norm()))]);
             let aside = follow(&pose, &[Move::Aim { right_rad: -0.3, down_rad: 0.0 }]);
-            for ((i, spoilt), wanted) in [roll, near, aside].iter().enumerate().zip(["roll", "farther", "aim"]) {
+            for ((i, spoilt), wanted) in
+                [roll, near, aside].iter().enumerate().zip(["roll", "farther", "aim"])
+            {
                 let Some(hint) = Hint::for_pose(&calibration, spoilt) else { continue };
                 cures[i] += usize::from(hint.moves.iter().any(|m| m.name() == wanted));
-                if wanted == "aim" && hint.moves.len() == 1 && let Move::Aim { right_rad, .. } = hint.moves[0] {
+                if wanted == "aim"
+                    && hint.moves.len() == 1
+                    && let Move::Aim { right_rad, .. } = hint.moves[0]
+                {
                     assert!(right_rad > 0.1, "aimed left of the face: aim right, not {right_rad}");
                 }
             }

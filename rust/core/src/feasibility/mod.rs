@@ -121,9 +121,8 @@ fn best_view(calibration: &Calibration, size_mm: [f64; 2], distance_mm: f64) -> 
 pub(crate) fn grid_middle(calibration: &Calibration, distance_mm: f64) -> Option<Vector3<f64>> {
     let mut sum = Vector3::zeros();
     for (i, j) in [(0, 2), (0, 3), (1, 2), (1, 3)] {
-        let lines = [i, j].map(|k: usize| {
-            calibration.lasers()[k].per_mm - Vector3::new(0.0, 0.0, 1.0 / distance_mm)
-        });
+        let lines =
+            [i, j].map(|k: usize| calibration.lasers()[k].per_mm - Vector3::new(0.0, 0.0, 1.0 / distance_mm));
         let crossing = lines[0].cross(&lines[1]);
         if crossing.z.abs() < 1e-15 {
             return None;

@@ -43,14 +43,9 @@ pub(super) fn side_sigmas(calibration: &Calibration, pose: &FacePose) -> Option<
     sigmas_with(calibration, pose, &USUAL)
 }
 
-fn sigmas_with(
-    calibration: &Calibration,
-    pose: &FacePose,
-    sigmas: &PointSigmas,
-) -> Option<[SideSigmas; 2]> {
+fn sigmas_with(calibration: &Calibration, pose: &FacePose, sigmas: &PointSigmas) -> Option<[SideSigmas; 2]> {
     let lines = pose.lines(calibration, sigmas)?;
-    let fitted =
-        FittedFace::new(calibration.camera(), calibration.lasers(), &lines, &[], &pose.state())?;
+    let fitted = FittedFace::new(calibration.camera(), calibration.lasers(), &lines, &[], &pose.state())?;
     let own = fitted.own_covariance()?;
     let by_planes = fitted.own_by_planes()?;
     let by_motions = blocks(&all_planes_by_motion(calibration)?);
