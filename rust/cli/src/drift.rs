@@ -105,7 +105,13 @@ pub fn drift(args: &DriftArgs) -> anyhow::Result<Finished> {
         return Err(Usage(text).into());
     }
     let faces: Vec<ObservedFace> = seen.iter().filter_map(|s| s.face.as_ref().ok().cloned()).collect();
-    let drift = estimate_drift(&calibration, &faces).context("drift")?;
+    let drift = estimate_drift(&calibration, &faces).with_context(|| {
+        let why = seen.iter().filter_map(|s| Some(format!("\n  {}: {}", s.name, s.face.as_ref().err()?)));
+        format!(
+            "faces left out (a laser that turned by 0.35 mrad makes most be refused):{}",
+            why.collect::<String>()
+        )
+    })?;
     if let Some(output) = &args.output {
         write_json(output, &proposed(&calibration, &drift)?)?;
     }
