@@ -12,7 +12,7 @@ mod significance;
 mod tests;
 
 pub use directions::{Direction, DirectionKind};
-pub use significance::ChangeTest;
+pub use significance::{ChangeTest, SIGNIFICANT};
 
 use crate::calibration::{Calibration, CalibrationCovariance};
 use crate::error::{Error, ErrorKind};

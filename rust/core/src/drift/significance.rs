@@ -60,7 +60,8 @@ pub(crate) fn chi_square_beyond(x: f64, freedom: usize) -> f64 {
         return 1.0;
     }
     let y = 0.5 * x;
-    let (mut a, mut q) = if freedom % 2 == 0 { (1.0, (-y).exp()) } else { (0.5, libm::erfc(y.sqrt())) };
+    let (mut a, mut q) =
+        if freedom.is_multiple_of(2) { (1.0, (-y).exp()) } else { (0.5, libm::erfc(y.sqrt())) };
     while a < 0.5 * freedom as f64 - 0.25 {
         q += (a * y.ln() - y - libm::lgamma(a + 1.0)).exp();
         a += 1.0;
