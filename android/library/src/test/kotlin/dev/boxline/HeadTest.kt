@@ -16,6 +16,7 @@ import org.junit.Assert.assertTrue
 import org.junit.Assume.assumeTrue
 import org.junit.Before
 import org.junit.Test
+import java.io.File
 import java.util.concurrent.atomic.AtomicInteger
 
 /** A head over the real libusb; only the kernel behind it is made of software. */
@@ -63,6 +64,23 @@ class HeadTest {
             assertEquals(Connection.Ready("SIM-0001"), meter.state.value.connection)
         }
         eventually("the connection is closed") { closed.get() == 1 }
+    }
+
+    @Test
+    fun `what the head sees is drawn into a window, if there is one`(): Unit = limited {
+        // Where the tests stand in for Android, the window is a file.
+        val shown = System.getProperty("boxline.preview")?.let(::File)
+        open().use { meter ->
+            assertEquals(shown != null, meter.showPreview("any surface"))
+            meter.startLive()
+            meter.state.first { it.view is FaceView.Measurable }
+            if (shown != null) {
+                eventually("a preview is drawn") { shown.length() > 648 * 486 * 3 }
+                val header = shown.inputStream().use { String(ByteArray(14).also(it::read), Charsets.US_ASCII) }
+                assertEquals("P6 648 486 255", header)
+            }
+            assertEquals(false, meter.showPreview(null))
+        }
     }
 
     /** The first frames after the change may still show the face. */

@@ -37,7 +37,7 @@ import java.io.File
 /** The screen in its states, drawn by Android's own code; pictures go to the folder `boxline.screens`, to be looked at. */
 @RunWith(RobolectricTestRunner::class)
 @GraphicsMode(GraphicsMode.Mode.NATIVE)
-@Config(sdk = [34], qualifiers = "w411dp-h731dp-mdpi")
+@Config(sdk = [35], qualifiers = "w411dp-h731dp-mdpi")
 class MainActivityTest {
     private fun length(mm: Double) = Length(Millimetres(mm), Millimetres(0.4))
 
@@ -78,7 +78,7 @@ class MainActivityTest {
     }
 
     @Test
-    @Config(qualifiers = "+night-de-rDE")
+    @Config(qualifiers = "+de-rDE-night")
     fun `a result with its interval, in German, in the dark`() = screen("measured-de-dark") {
         it.show(ScannerState(Connection.Ready("SIM-0001"), null, 2))
         it.show(measured)

@@ -1,0 +1,66 @@
+"""What can be checked without Gradle: static.py ROOT KOTLINC. Versions, permissions, keep rules, natives, and the scripts' syntax."""
+import pathlib, re, shutil, subprocess, sys, tempfile
+
+
+def main(root, kotlinc):
+    root = pathlib.Path(root)
+    android, problems = root / "android", []
+    check = lambda good, text: good or problems.append(text)
+    library, sample = (android / m / "build.gradle.kts" for m in ("library", "sample"))
+    text = {p: p.read_text() for p in (library, sample, android / "settings.gradle.kts", android / "build.gradle.kts")}
+
+    cargo = re.search(r'^version = "(.*)"', (root / "Cargo.toml").read_text(), re.M)[1]
+    properties = dict(line.split("=", 1) for line in (android / "gradle.properties").read_text().splitlines() if "=" in line)
+    check(properties.get("boxline.version") == cargo, f"boxline.version is {properties.get('boxline.version')}, Cargo.toml has {cargo}")
+    for path in (library, sample):
+        check("minSdk = 24" in text[path], f"{path}: minSdk 24 is missing")
+        manifest = (path.parent / "src/main/AndroidManifest.xml").read_text()
+        check('minSdkVersion="24"' in manifest, f"{path.parent}: the manifest has another minSdkVersion")
+        package = re.search(r'package="([\w.]+)"', manifest)[1]
+        check(f'namespace = "{package}"' in text[path], f"{path}: the namespace is not {package}")
+        check("INTERNET" not in manifest, f"{path.parent}: asks for the internet")
+    check('groupId = "dev.boxline"' in text[library] and 'artifactId = "boxline-android"' in text[library], "the coordinates are others")
+    for abi in ("arm64-v8a", "armeabi-v7a", "x86_64"):
+        check(f'"{abi}"' in text[library], f"{library}: no {abi}")
+
+    # Exceptions that Rust makes by name: each is a class with that constructor and has a keep rule.
+    guard = (root / "rust/jni/src/guard.rs").read_text()
+    keep = (android / "library/keep.pro").read_text()
+    exceptions = (android / "library/src/main/kotlin/dev/boxline/Exceptions.kt").read_text()
+    for name in sorted(set(re.findall(r'jni_str!\("dev/boxline/(\w+)"\)', guard))):
+        check(re.search(rf"class {name}\b", exceptions), f"{name}: no such class")
+        check(re.search(rf"-keep class dev\.boxline\.{name} ", keep), f"{name}: no keep rule")
+    for name in re.findall(r"-keep class dev\.boxline\.(\w+)", keep):
+        check(name in exceptions, f"keep.pro: {name} is no class")
+    # Natives: what Kotlin declares and what Rust exports, both ways (the built library is looked at too).
+    rust = (root / "rust/jni/src/natives.rs").read_text()
+    exported = {re.sub(r"_(\w)", lambda m: m[1].upper(), n) for n in re.findall(r'internal\.Native"\)\]\s+pub extern "system" fn (\w+)', rust)}
+    declared = set(re.findall(r"external fun (\w+)\(", (android / "library/src/main/kotlin/dev/boxline/internal/Native.kt").read_text()))
+    check(exported == declared, f"natives differ: {sorted(exported ^ declared)}")
+    # The part without Android stays without.
+    for path in (android / "library/src/main/kotlin/dev/boxline").glob("*.kt"):
+        check(not re.search(r"^import android", path.read_text(), re.M), f"{path}: imports android; that belongs into usb/ or intent/")
+    # Every language has every string.
+    names = lambda d: set(re.findall(r'name="(\w+)"', (android / "sample/src/main/res" / d / "strings.xml").read_text())) - {"app_name"}
+    for language in ("values-de", "values-zh"):
+        check(names(language) == names("values"), f"{language}: {sorted(names(language) ^ names('values'))}")
+    kinds = len(re.findall(r"^        [A-Z_]+,$", (android / "library/src/main/kotlin/dev/boxline/Results.kt").read_text(), re.M))
+    for language in ("values", "values-de", "values-zh"):
+        words = (android / "sample/src/main/res" / language / "strings.xml").read_text().count("<item>")
+        check(words == kinds, f"{language}: {words} reasons, Reason.Kind has {kinds}")
+
+    # A script that Kotlin cannot read says so; names that only Gradle knows are unresolved here, which is expected.
+    with tempfile.TemporaryDirectory() as folder:
+        for path in text:
+            script = pathlib.Path(folder) / f"{path.parent.name}_{path.name.split('.')[0]}.main.kts"
+            shutil.copy(path, script)
+            done = subprocess.run([kotlinc, "-script", script], capture_output=True, text=True)
+            wrong = [line for line in (done.stdout + done.stderr).splitlines() if "syntax error" in line.lower() or "expecting" in line.lower()]
+            check(not wrong, f"{path}: " + "; ".join(wrong))
+    for problem in problems:
+        print(f"   {problem}")
+    sys.exit(1 if problems else 0)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
