@@ -18,7 +18,7 @@ def main(root, kotlinc):
         check('minSdkVersion="24"' in manifest, f"{path.parent}: the manifest has another minSdkVersion")
         package = re.search(r'package="([\w.]+)"', manifest)[1]
         check(f'namespace = "{package}"' in text[path], f"{path}: the namespace is not {package}")
-        check("INTERNET" not in manifest, f"{path.parent}: asks for the internet")
+        check("permission.INTERNET" not in manifest, f"{path.parent}: asks for the internet")
     check('groupId = "dev.boxline"' in text[library] and 'artifactId = "boxline-android"' in text[library], "the coordinates are others")
     for abi in ("arm64-v8a", "armeabi-v7a", "x86_64"):
         check(f'"{abi}"' in text[library], f"{library}: no {abi}")

@@ -30,6 +30,7 @@ android {
 
 dependencies {
     implementation(project(":library"))
+    implementation("org.jetbrains.kotlinx:kotlinx-coroutines-android:1.10.2") // the main thread as a dispatcher
     testImplementation("junit:junit:4.13.2")
     testImplementation("org.robolectric:robolectric:4.14.1")
 }
