@@ -126,7 +126,7 @@ Exit codes: 0 captured, 2 no head or it failed.")]
     #[command(after_help = "\
 Examples:
   sudo modprobe vhci-hcd && sudo boxline emulate tests/data/b02
-  boxline emulate tests/data/b02 --listen 127.0.0.1:3240
+  boxline emulate --render 7 --listen 127.0.0.1:3240
 
 Linux sees a camera, which any program can use. It shows the next view of the recording each time the lasers are lit.
 Runs until it is detached.")]

@@ -1,10 +1,16 @@
-//! `boxline emulate`: a head made of software that shows a recording, attached to this machine or offered to others.
+//! `boxline emulate`: a head made of software that shows a recording, or a rendered box, attached to this machine or offered to others.
 
 use crate::Finished;
 use crate::input::Usage;
 use anyhow::Context;
+use boxline::Calibration;
 use boxline_proto::json::{Laser, Recording, read_calibration, read_recording};
 use boxline_proto::message::encode_calibration;
+#[cfg(feature = "render")]
+use boxline_sim::{
+    Split, Stock,
+    recording::{Kind, Recipe, write_recording},
+};
 use boxline_uvc::descriptor::UvcVersion;
 use boxline_uvc::emulator::{Pipe, Settings, Shot, SoftwareHead, Source, WithoutBus, usbip};
 use boxline_uvc::head::Lasers;
@@ -18,7 +24,13 @@ use std::sync::Arc;
 pub struct EmulateArgs {
     /// The recording to show: with the lasers on its lit frames, with the lasers off the others
     #[arg(value_name = "FOLDER")]
-    pub recording: PathBuf,
+    #[cfg_attr(feature = "render", arg(required_unless_present = "render"))]
+    #[cfg_attr(not(feature = "render"), arg(required = true))]
+    pub recording: Option<PathBuf>,
+    /// Show what `boxline render --off` makes of this seed, rendered before the head is attached
+    #[cfg(feature = "render")]
+    #[arg(long, value_name = "SEED", conflicts_with = "recording")]
+    pub render: Option<u64>,
     /// Offer the head to `usbip attach` of other machines, instead of attaching it to this one
     #[arg(long, value_name = "ADDRESS:PORT")]
     pub listen: Option<String>,
@@ -51,8 +63,7 @@ const CONTROLLER: &str = "/sys/devices/platform/vhci_hcd.0";
 
 /// Runs `boxline emulate`.
 pub fn emulate(args: &EmulateArgs) -> anyhow::Result<Finished> {
-    let recording = read_recording(&args.recording)?;
-    let calibration = read_calibration(&recording.calibration_file)?;
+    let (calibration, source) = shown(args)?;
     let settings = Settings {
         version: match args.uvc {
             VersionName::V1_0 => UvcVersion::V1_0,
@@ -67,7 +78,7 @@ pub fn emulate(args: &EmulateArgs) -> anyhow::Result<Finished> {
         paced: true,
         ..Settings::default()
     };
-    let head = WithoutBus::new(SoftwareHead::new(settings, source(&recording)?));
+    let head = WithoutBus::new(SoftwareHead::new(settings, source));
     store::write(&head, &encode_calibration(&calibration), |_, _| ())?;
     let head = head.0.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
     match &args.listen {
@@ -88,6 +99,23 @@ pub fn emulate(args: &EmulateArgs) -> anyhow::Result<Finished> {
         }
     }
     Ok(Finished { stdout: "detached".into(), exit_code: 0 })
+}
+
+/// The head's calibration, and its pictures.
+fn shown(args: &EmulateArgs) -> anyhow::Result<(Calibration, Source)> {
+    #[cfg(feature = "render")]
+    if let Some(seed) = args.render {
+        let folder = tempfile::tempdir()?; // gone when the frames are read
+        let recipe = Recipe { seed, kind: Kind::Box, with_off: true, nominal_head: false };
+        write_recording(folder.path(), &recipe, &Stock::new(Split::Training))?;
+        return recorded(folder.path());
+    }
+    recorded(args.recording.as_deref().context("a recording is needed")?)
+}
+
+fn recorded(folder: &Path) -> anyhow::Result<(Calibration, Source)> {
+    let recording = read_recording(folder)?;
+    Ok((read_calibration(&recording.calibration_file)?, source(&recording)?))
 }
 
 /// Lit frames while all lasers are on, unlit ones otherwise; the next view each time the lasers are lit.

@@ -21,6 +21,7 @@ fn wrong_arguments_are_explained() {
     fails(&["laser", "all", "--device", "12:xyz"], "hexadecimal");
     fails(&["laser", "all", "--power", "101"], "101");
     fails(&["emulate", "no/such/folder"], "no/such/folder");
+    fails(&["emulate"], "required");
     fails(&["head", "calibration", "write", "no/such/file.json"], "no/such/file.json");
 }
 
@@ -37,8 +38,20 @@ fn a_capture_without_a_head_leaves_nothing() {
 #[test]
 fn a_recording_is_offered_to_usbip() {
     let recording = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/b02");
+    is_offered(&["emulate", recording.to_str().unwrap()]);
+}
+
+#[test]
+#[cfg(feature = "render")]
+fn a_rendered_box_is_offered_to_usbip() {
+    is_offered(&["emulate", "--render", "7"]);
+    fails(&["emulate", "some/recording", "--render", "7"], "cannot be used with");
+}
+
+fn is_offered(emulate: &[&str]) {
     let mut program = Command::new(env!("CARGO_BIN_EXE_boxline"))
-        .args(["emulate", recording.to_str().unwrap(), "--listen", "127.0.0.1:0"])
+        .args(emulate)
+        .args(["--listen", "127.0.0.1:0"])
         .stderr(std::process::Stdio::piped())
         .spawn()
         .unwrap();
