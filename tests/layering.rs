@@ -6,10 +6,11 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// The modules of `rust/core/src`, lowest first. A new module gets its line here.
-const MODULES: [&str; 21] = [
+const MODULES: [&str; 23] = [
     "units",
     "error",
     "frames",
+    "warning",
     "reject",
     "image",
     "network",
@@ -27,6 +28,7 @@ const MODULES: [&str; 21] = [
     "edges",
     "rectangle",
     "cuboid",
+    "points",
     "pipeline",
 ];
 

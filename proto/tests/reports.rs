@@ -4,7 +4,8 @@
 use boxline::frames::{Plane, Point};
 use boxline::measurement::FaceMeasurement;
 use boxline::{
-    BoxMeasurement, BoxReport, ErrorKind, Estimate, FaceOutcome, LaserId, Outcome, Px, Reject, Volume,
+    AngleEstimate, BoxMeasurement, BoxReport, ErrorKind, Estimate, FaceOutcome, LaserId, Outcome, Px, Reject,
+    Volume, Warning, WarningKind,
 };
 use boxline_proto::json::{face_json, parse_calibration, parse_recording, report_json};
 use boxline_proto::message::{
@@ -27,7 +28,17 @@ fn face() -> FaceMeasurement {
         rms_px: 0.4,
         stripe_points_px: Default::default(),
         edge_points_px: Default::default(),
+        uncertainty: Default::default(),
+        corner_angles: Some(
+            [1.57, 1.58, 1.56, 1.572].map(|value_rad| AngleEstimate { value_rad, sigma_rad: 1e-3 }),
+        ),
+        warnings: WarningKind::ALL.map(warning).to_vec(),
     }
+}
+
+fn warning(kind: WarningKind) -> Warning {
+    let laser = if kind == WarningKind::FaceNotFlat { LaserId::new(2) } else { None };
+    Warning { kind, laser, found: -0.5, sigma: 0.125, chi_square: 16.0, limit: 10.83 }
 }
 
 fn sides(height_mm: f64) -> BoxMeasurement {
@@ -41,7 +52,8 @@ fn sides(height_mm: f64) -> BoxMeasurement {
 
 fn report(outcome: Outcome) -> BoxReport {
     let rejected = FaceOutcome::Rejected(Reject::RectangleOpen { sides_found: 3 });
-    BoxReport { outcome, faces: [FaceOutcome::Measured(Box::new(face())), rejected] }
+    let warnings = vec![warning(WarningKind::SidesDiffer)];
+    BoxReport { outcome, faces: [FaceOutcome::Measured(Box::new(face())), rejected], warnings }
 }
 
 fn every_reject() -> Vec<Reject> {
@@ -63,30 +75,39 @@ fn every_reject() -> Vec<Reject> {
     ]
 }
 
+/// Value and sigma as the object has them, with the interval of 95 %.
+fn estimate(value: f64, sigma: f64) -> Value {
+    json!({"value": value, "sigma": sigma, "interval_95": [value - 1.96 * sigma, value + 1.96 * sigma]})
+}
+
 #[test]
 fn a_measured_box_as_json() {
     let entry = json!({
         "frame": "a", "outcome": "measured",
-        "length_mm": {"value": 550.5, "sigma": 0.25}, "width_mm": {"value": 300.0, "sigma": 0.1},
+        "length_mm": estimate(550.5, 0.25), "width_mm": estimate(300.0, 0.1),
         "corners_px": [[1.0, 2.0], [3.0, 4.5], [-5.0, 6.0], [7.0, 0.1]],
         "key_points_px": {
             "1": [[0.0, 10.0], [0.0, 20.0 / 3.0]], "2": [[1.0, 10.0], [1.0, 20.0 / 3.0]],
             "3": [[2.0, 10.0], [2.0, 20.0 / 3.0]], "4": [[3.0, 10.0], [3.0, 20.0 / 3.0]],
         },
         "plane": {"normal": [0.0, 0.0, 1.0], "distance_mm": 1000.0}, "rms_px": 0.4, "reject": null,
+        "corner_angles_rad": [1.57, 1.58, 1.56, 1.572].map(|value| json!({"value": value, "sigma": 1e-3})),
+        "warnings": WarningKind::ALL.map(warning_entry),
     });
     let reject = json!({"reason": "rectangle_open", "sides_found": 3.0,
                         "text": "only 3 of 4 sides of the face were found"});
     let rejected = json!({
         "frame": "b", "outcome": "rejected", "length_mm": null, "width_mm": null, "corners_px": null,
         "key_points_px": null, "plane": null, "rms_px": null, "reject": reject,
+        "corner_angles_rad": null, "warnings": [],
     });
     let measured = report(Outcome::Measured(sides(300.0)));
     let expected = json!({
         "outcome": "measured",
-        "length_mm": {"value": 550.5, "sigma": 0.25}, "width_mm": {"value": 350.5, "sigma": 0.2},
-        "height_mm": {"value": 300.0, "sigma": 0.1}, "volume_m3": {"value": 0.0579, "sigma": 0.0001},
+        "length_mm": estimate(550.5, 0.25), "width_mm": estimate(350.5, 0.2),
+        "height_mm": estimate(300.0, 0.1), "volume_m3": estimate(0.0579, 0.0001),
         "candidates": [], "reject": null, "faces": [entry, rejected],
+        "warnings": [warning_entry(WarningKind::SidesDiffer)],
     });
     assert_eq!(report_json(&measured, ["a", "b"]), expected);
     assert!(
@@ -96,15 +117,27 @@ fn a_measured_box_as_json() {
 
     let expected = json!({
         "outcome": "measured",
-        "length_mm": {"value": 550.5, "sigma": 0.25}, "width_mm": {"value": 300.0, "sigma": 0.1},
-        "height_mm": null, "volume_m3": null, "candidates": [], "reject": null, "faces": [entry],
+        "length_mm": estimate(550.5, 0.25), "width_mm": estimate(300.0, 0.1),
+        "height_mm": null, "volume_m3": null, "candidates": [], "reject": null, "faces": [entry], "warnings": [],
     });
     assert_eq!(face_json(&measured.faces[0], "a"), expected);
     let expected = json!({
         "outcome": "rejected", "length_mm": null, "width_mm": null, "height_mm": null, "volume_m3": null,
-        "candidates": [], "reject": reject, "faces": [rejected],
+        "candidates": [], "reject": reject, "faces": [rejected], "warnings": [],
     });
     assert_eq!(face_json(&measured.faces[1], "b"), expected);
+}
+
+fn warning_entry(kind: WarningKind) -> Value {
+    let warning = warning(kind);
+    let [found, sigma] = kind.number_names();
+    let mut entry = json!({
+        "kind": kind.name(), found: -0.5, sigma: 0.125, "chi_square": 16.0, "limit": 10.83, "text": warning.to_string(),
+    });
+    if warning.laser.is_some() {
+        entry["laser"] = json!(2.0);
+    }
+    entry
 }
 
 #[test]
@@ -114,7 +147,7 @@ fn ambiguous_and_rejected_boxes_as_json() {
         (&both["outcome"], &both["length_mm"], &both["reject"]),
         (&json!("ambiguous"), &Value::Null, &Value::Null)
     );
-    assert_eq!(both["candidates"][1]["height_mm"], json!({"value": 350.5, "sigma": 0.1}));
+    assert_eq!(both["candidates"][1]["height_mm"], estimate(350.5, 0.1));
     assert_eq!(both["candidates"].as_array().unwrap().len(), 2);
     for reject in every_reject() {
         let object = report_json(&report(Outcome::Rejected(reject.clone())), ["a", "b"]);

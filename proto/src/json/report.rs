@@ -5,19 +5,21 @@
 
 use boxline::feasibility::Move;
 use boxline::measurement::FaceMeasurement;
-use boxline::{BoxMeasurement, BoxReport, Estimate, FaceOutcome, Hint, Outcome, Px, Reject};
+use boxline::{BoxMeasurement, BoxReport, Estimate, FaceOutcome, Hint, Outcome, Px, Reject, Volume, Warning};
 use serde_json::{Map, Value, json};
 
 /// A box measurement. `frame_ids` name the first and the second frame.
 ///
 /// ```json
 /// {"outcome": "measured" | "ambiguous" | "rejected",
-///  "length_mm": {"value": 0, "sigma": 0}, "width_mm": {..}, "height_mm": {..}, "volume_m3": {..},
+///  "length_mm": {"value": 0, "sigma": 0, "interval_95": [low, high]}, "width_mm": {..}, "height_mm": {..}, "volume_m3": {..},
 ///  "candidates": [{"length_mm": {..}, "width_mm": {..}, "height_mm": {..}, "volume_m3": {..}}, ...],
 ///  "reject": {"reason": "no_box", "best_share": 0, ..., "text": "for people"},
 ///  "faces": [{"frame": "a", "outcome": "measured" | "rejected", "length_mm": {..}, "width_mm": {..},
 ///             "corners_px": [[u, v], "4 of them"], "key_points_px": {"1": [[u, v], [u, v]], "2": ..},
-///             "plane": {"normal": [x, y, z], "distance_mm": 0}, "rms_px": 0, "reject": {..}}]}
+///             "plane": {"normal": [x, y, z], "distance_mm": 0}, "rms_px": 0,
+///             "corner_angles_rad": [{"value": 0, "sigma": 0}, "4 of them, or null"], "warnings": [..], "reject": {..}}],
+///  "warnings": [{"kind": "sides_differ", "difference_mm": 0, .., "text": "for people"}]}
 /// ```
 /// The sides are there if the outcome is `measured`, the two candidates if it is `ambiguous`. The plane's unit normal
 /// points away from the camera (frame: camera).
@@ -38,6 +40,7 @@ pub fn report_json(report: &BoxReport, frame_ids: [&str; 2]) -> Value {
         "candidates": candidates,
         "reject": reject.map(reject_entry),
         "faces": faces,
+        "warnings": report.warnings.iter().map(warning_entry).collect::<Vec<_>>(),
     })
 }
 
@@ -54,6 +57,7 @@ pub fn face_json(face: &FaceOutcome, frame_id: &str) -> Value {
         "candidates": [],
         "reject": entry["reject"],
         "faces": [entry],
+        "warnings": [],
     })
 }
 
@@ -85,6 +89,10 @@ fn face_entry(face: &FaceOutcome, frame_id: &str) -> Value {
         "key_points_px": face.map(key_points),
         "plane": face.map(plane),
         "rms_px": face.map(|f| f.rms_px),
+        "corner_angles_rad": face.and_then(|f| f.corner_angles).map(|a| {
+            a.map(|a| json!({"value": a.value_rad, "sigma": a.sigma_rad}))
+        }),
+        "warnings": face.map_or_else(Vec::new, |f| f.warnings.iter().map(warning_entry).collect()),
         "reject": reject.map(reject_entry),
     })
 }
@@ -99,12 +107,18 @@ fn candidate(sides: &BoxMeasurement) -> Value {
 }
 
 fn reject_entry(reject: &Reject) -> Value {
+    with_numbers(("reason", reject.reason()), &reject.numbers(), &reject.to_string())
+}
+
+fn warning_entry(warning: &Warning) -> Value {
+    with_numbers(("kind", warning.kind.name()), &warning.numbers(), &warning.to_string())
+}
+
+fn with_numbers((key, name): (&str, &str), numbers: &[(&str, f64)], text: &str) -> Value {
     let mut entry = Map::new();
-    entry.insert("reason".to_owned(), json!(reject.reason()));
-    for (name, value) in reject.numbers() {
-        entry.insert(name.to_owned(), json!(value));
-    }
-    entry.insert("text".to_owned(), json!(reject.to_string()));
+    entry.insert(key.to_owned(), json!(name));
+    entry.extend(numbers.iter().map(|&(name, value)| (name.to_owned(), json!(value))));
+    entry.insert("text".to_owned(), json!(text));
     Value::Object(entry)
 }
 
@@ -119,11 +133,12 @@ fn plane(face: &FaceMeasurement) -> Value {
 }
 
 fn estimate(estimate: Estimate) -> Value {
-    json!({"value": estimate.value_mm, "sigma": estimate.sigma_mm})
+    json!({"value": estimate.value_mm, "sigma": estimate.sigma_mm, "interval_95": estimate.interval_95_mm()})
 }
 
 fn volume(sides: &BoxMeasurement) -> Value {
-    json!({"value": sides.volume.value_m3, "sigma": sides.volume.sigma_m3})
+    let Volume { value_m3, sigma_m3 } = sides.volume;
+    json!({"value": value_m3, "sigma": sigma_m3, "interval_95": sides.volume.interval_95_m3()})
 }
 
 fn px(px: Px) -> [f64; 2] {

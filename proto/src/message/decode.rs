@@ -6,8 +6,8 @@ use crate::json::{Laser, RecordedFrame, Recording, Role, resolved_path};
 use boxline::frames::{Plane, Point};
 use boxline::measurement::FaceMeasurement;
 use boxline::{
-    BoxMeasurement, BoxReport, Calibration, CameraModel, Error, ErrorKind, Estimate, FaceOutcome, LaserId,
-    Outcome, Px, Reject, Volume,
+    AngleEstimate, BoxMeasurement, BoxReport, Calibration, CameraModel, Error, ErrorKind, Estimate,
+    FaceOutcome, LaserId, Outcome, Px, Reject, Volume, Warning, WarningKind,
 };
 use nalgebra::Vector3;
 use std::path::Path;
@@ -51,7 +51,8 @@ pub(super) fn report(message: v1::BoxReport) -> Result<(BoxReport, [String; 2]),
     let [first, second] = exactly(message.faces, "faces")?;
     let (first, first_id) = face(first).map_err(|e| e.in_context("faces[0]"))?;
     let (second, second_id) = face(second).map_err(|e| e.in_context("faces[1]"))?;
-    Ok((BoxReport { outcome, faces: [first, second] }, [first_id, second_id]))
+    let warnings = message.warnings.into_iter().map(warning).collect::<Result<_, _>>()?;
+    Ok((BoxReport { outcome, faces: [first, second], warnings }, [first_id, second_id]))
 }
 
 fn face(message: v1::Face) -> Result<(FaceOutcome, String), Error> {
@@ -84,6 +85,9 @@ fn face(message: v1::Face) -> Result<(FaceOutcome, String), Error> {
                 rms_px: finite(message.rms_px, "rms_px")?,
                 stripe_points_px: Default::default(),
                 edge_points_px: Default::default(),
+                uncertainty: Default::default(),
+                corner_angles: corner_angles(message.corner_angles)?,
+                warnings: message.warnings.into_iter().map(warning).collect::<Result<_, _>>()?,
             }))
         }
         v1::Outcome::Rejected => FaceOutcome::Rejected(reject(required(message.reject, "reject")?)?),
@@ -91,6 +95,44 @@ fn face(message: v1::Face) -> Result<(FaceOutcome, String), Error> {
         v1::Outcome::Unspecified => return Err(invalid("outcome: missing")),
     };
     Ok((outcome, message.frame))
+}
+
+fn corner_angles(messages: Vec<v1::Angle>) -> Result<Option<[AngleEstimate; 4]>, Error> {
+    if messages.is_empty() {
+        return Ok(None);
+    }
+    let angles: [v1::Angle; 4] = exactly(messages, "corner_angles")?;
+    let mut found = [AngleEstimate { value_rad: 0.0, sigma_rad: 0.0 }; 4];
+    for (angle, message) in found.iter_mut().zip(angles) {
+        angle.value_rad = finite(message.value_rad, "corner_angles")?;
+        angle.sigma_rad = finite(message.sigma_rad, "corner_angles")?;
+    }
+    Ok(Some(found))
+}
+
+/// The inverse of `WarningKind::name` and `Warning::numbers`.
+fn warning(message: v1::Warning) -> Result<Warning, Error> {
+    let kind = WarningKind::ALL.into_iter().find(|kind| kind.name() == message.kind);
+    let kind = kind.ok_or_else(|| invalid(format!("warning.kind: {:?} is not known", message.kind)))?;
+    let find = |name: &str| message.numbers.iter().find(|n| n.name == name).map(|n| n.value);
+    let number = |name: &str| finite(required(find(name), &format!("warning.{name}"))?, name);
+    let laser = match find("laser") {
+        None => None,
+        Some(value) => {
+            let laser = LaserId::ALL.into_iter().find(|l| f64::from(l.number()) == value);
+            let wrong = || invalid(format!("warning.laser: found {value}, 1 to 4 is needed"));
+            Some(laser.ok_or_else(wrong)?)
+        }
+    };
+    let [found, sigma] = kind.number_names();
+    Ok(Warning {
+        kind,
+        laser,
+        found: number(found)?,
+        sigma: number(sigma)?,
+        chi_square: number("chi_square")?,
+        limit: number("limit")?,
+    })
 }
 
 fn px(message: Option<v1::Px>, name: &str) -> Result<Px, Error> {

@@ -4,7 +4,8 @@ use super::v1;
 use crate::json::{Laser, RecordedFrame, Recording, Role};
 use boxline::measurement::FaceMeasurement;
 use boxline::{
-    BoxMeasurement, BoxReport, Calibration, Error, Estimate, FaceOutcome, LaserId, Outcome, Px, Reject,
+    AngleEstimate, BoxMeasurement, BoxReport, Calibration, Error, Estimate, FaceOutcome, LaserId, Outcome,
+    Px, Reject, Warning,
 };
 
 pub(super) fn report(report: &BoxReport, frame_ids: [&str; 2]) -> v1::BoxReport {
@@ -14,7 +15,8 @@ pub(super) fn report(report: &BoxReport, frame_ids: [&str; 2]) -> v1::BoxReport 
         Outcome::Ambiguous(both) => (v1::Outcome::Ambiguous, None, both.iter().map(sides).collect(), None),
         Outcome::Rejected(why) => (v1::Outcome::Rejected, None, Vec::new(), Some(reject(why))),
     };
-    v1::BoxReport { outcome: outcome.into(), sides: measured, candidates, reject: rejected, faces }
+    let warnings = report.warnings.iter().map(warning).collect();
+    v1::BoxReport { outcome: outcome.into(), sides: measured, candidates, reject: rejected, faces, warnings }
 }
 
 pub(super) fn face(outcome: &FaceOutcome, frame_id: &str) -> v1::Face {
@@ -30,6 +32,8 @@ pub(super) fn face(outcome: &FaceOutcome, frame_id: &str) -> v1::Face {
             plane: Some(plane(face)),
             rms_px: face.rms_px,
             reject: None,
+            corner_angles: face.corner_angles.iter().flatten().map(angle).collect(),
+            warnings: face.warnings.iter().map(warning).collect(),
         },
         FaceOutcome::Rejected(why) => {
             let outcome = v1::Outcome::Rejected.into();
@@ -63,7 +67,9 @@ fn px(px: Px) -> v1::Px {
 }
 
 fn sides(measured: &BoxMeasurement) -> v1::Sides {
-    let volume = v1::Volume { value_m3: measured.volume.value_m3, sigma_m3: measured.volume.sigma_m3 };
+    let [low_95_m3, high_95_m3] = measured.volume.interval_95_m3();
+    let (value_m3, sigma_m3) = (measured.volume.value_m3, measured.volume.sigma_m3);
+    let volume = v1::Volume { value_m3, sigma_m3, low_95_m3, high_95_m3 };
     v1::Sides {
         length: Some(length(measured.length)),
         width: Some(length(measured.width)),
@@ -73,7 +79,22 @@ fn sides(measured: &BoxMeasurement) -> v1::Sides {
 }
 
 fn length(estimate: Estimate) -> v1::Length {
-    v1::Length { value_mm: estimate.value_mm, sigma_mm: estimate.sigma_mm }
+    let [low_95_mm, high_95_mm] = estimate.interval_95_mm();
+    v1::Length { value_mm: estimate.value_mm, sigma_mm: estimate.sigma_mm, low_95_mm, high_95_mm }
+}
+
+fn angle(angle: &AngleEstimate) -> v1::Angle {
+    v1::Angle { value_rad: angle.value_rad, sigma_rad: angle.sigma_rad }
+}
+
+fn warning(warning: &Warning) -> v1::Warning {
+    let numbers =
+        warning.numbers().into_iter().map(|(name, value)| v1::Number { name: name.to_owned(), value });
+    v1::Warning {
+        kind: warning.kind.name().to_owned(),
+        numbers: numbers.collect(),
+        text: warning.to_string(),
+    }
 }
 
 fn reject(reject: &Reject) -> v1::Reject {

@@ -1,5 +1,6 @@
 //! The command line. Help texts here are what a user reads first: each command shows an example.
 
+use boxline::measurement::USUAL_DRIFT_RAD;
 use boxline::{EdgeMethod, Method, Network, Settings};
 use boxline_edgenet::{EdgeNet, Options};
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
@@ -275,9 +276,20 @@ pub struct How {
     /// transform on the network's map
     #[arg(long, value_enum, default_value_t)]
     pub edges: EdgeName,
+    /// How far each laser may have turned since the calibration (1 sigma); it is in every sigma
+    #[arg(long, value_name = "MRAD", default_value_t = USUAL_DRIFT_RAD * 1e3, value_parser = drift_mrad)]
+    pub drift_mrad: f64,
+    /// Do not impose right angles: the corners' angles are measured and printed
+    #[arg(long)]
+    pub free: bool,
 
     #[command(flatten)]
     pub network: NetworkArgs,
+}
+
+/// 10 mrad is half a degree: a laser that turned by more is broken, not drifting.
+fn drift_mrad(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|d| (0.0..=10.0).contains(d)).ok_or_else(|| "0 to 10 mrad".to_owned())
 }
 
 #[derive(ClapArgs)]
@@ -354,6 +366,8 @@ impl How {
             edges: self.edges.into(),
             choose: choose.map(|number| usize::from(number).saturating_sub(1)),
             network: network.map(|n| n as &dyn Network),
+            drift_rad: self.drift_mrad * 1e-3,
+            free: self.free,
             ..Settings::default()
         }
     }

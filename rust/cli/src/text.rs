@@ -1,6 +1,9 @@
 //! Results as text for people.
 
-use boxline::{BoxMeasurement, BoxReport, Estimate, FaceOutcome, Hint, Outcome, Reject, Volume};
+use boxline::measurement::FaceMeasurement;
+use boxline::{
+    BoxMeasurement, BoxReport, Estimate, FaceOutcome, Hint, Outcome, Reject, Volume, Warning, WarningKind,
+};
 
 /// A box, in lines.
 pub fn of_box(report: &BoxReport, names: [&str; 2], hints: &[Option<Hint>; 2]) -> String {
@@ -8,7 +11,7 @@ pub fn of_box(report: &BoxReport, names: [&str; 2], hints: &[Option<Hint>; 2]) -
     match &report.outcome {
         Outcome::Measured(measurement) => {
             push(&mut text, &sides(measurement));
-            push(&mut text, "(± is one standard deviation)");
+            push(&mut text, "(± is one standard deviation, [ ] hold the truth 95 times in 100)");
         }
         Outcome::Ambiguous([first, second]) => {
             push(&mut text, "Two boxes are possible: both frames show sides of the same two lengths.");
@@ -20,9 +23,13 @@ pub fn of_box(report: &BoxReport, names: [&str; 2], hints: &[Option<Hint>; 2]) -
         }
         Outcome::Rejected(reject) => push(&mut text, &format!("box: {}", refusal(reject))),
     }
+    warnings(&mut text, &report.warnings);
     push(&mut text, "");
     for ((face, name), hint) in report.faces.iter().zip(names).zip(hints) {
         push(&mut text, &format!("frame {name}: {}", face_line(face)));
+        if let FaceOutcome::Measured(face) = face {
+            beside(&mut text, face);
+        }
         push_hint(&mut text, hint.as_ref());
     }
     text
@@ -35,8 +42,9 @@ pub fn of_face(face: &FaceOutcome, name: &str, hint: Option<&Hint>) -> String {
         FaceOutcome::Measured(m) => {
             push(&mut text, &line("length", m.length));
             push(&mut text, &line("width", m.width));
-            push(&mut text, "(± is one standard deviation)");
+            push(&mut text, "(± is one standard deviation, [ ] hold the truth 95 times in 100)");
             push(&mut text, &format!("\nframe {name}: residuals {:.2} px rms", m.rms_px));
+            beside(&mut text, m);
         }
         FaceOutcome::Rejected(reject) => push(&mut text, &format!("frame {name}: {}", refusal(reject))),
     }
@@ -48,6 +56,37 @@ pub fn of_face(face: &FaceOutcome, name: &str, hint: Option<&Hint>) -> String {
 fn push_hint(text: &mut String, hint: Option<&Hint>) {
     if let Some(hint) = hint {
         push(text, &format!("How to move: {hint}."));
+    }
+}
+
+/// What stands below a face: its angles, if they were measured, and its warnings.
+fn beside(text: &mut String, face: &FaceMeasurement) {
+    if let Some(angles) = &face.corner_angles {
+        let angle = |a: &boxline::AngleEstimate| {
+            format!("{:.2} ± {:.2}", a.value_rad.to_degrees(), a.sigma_rad.to_degrees())
+        };
+        let angles: Vec<String> = angles.iter().map(angle).collect();
+        push(text, &format!("corners {} degrees", angles.join(", ")));
+    }
+    warnings(text, &face.warnings);
+}
+
+fn warnings(text: &mut String, warnings: &[Warning]) {
+    for warning in warnings {
+        push(text, &format!("warning: {warning}; {}", what_it_means(warning.kind)));
+    }
+}
+
+/// What to make of a warning.
+fn what_it_means(kind: WarningKind) -> &'static str {
+    match kind {
+        WarningKind::LaserMoved => "sizes may be off, have the head calibrated again",
+        WarningKind::FaceNotFlat => "the sizes allow for it, press the face flat for better ones",
+        WarningKind::NotRightAngled | WarningKind::OppositeEdges => {
+            "the sizes are means of opposite edges, --free prints the angles"
+        }
+        WarningKind::SidesDiffer => "see that both frames show the same box and its flaps are down",
+        _ => "the sigmas allow for it",
     }
 }
 
@@ -73,7 +112,8 @@ pub fn volume(volume: Volume) -> String {
 }
 
 fn line(name: &str, side: Estimate) -> String {
-    format!("{name:<6} {:>9.2} mm ± {:.2}", side.value_mm, side.sigma_mm)
+    let [low, high] = side.interval_95_mm();
+    format!("{name:<6} {:>9.2} mm ± {:.2}  [{low:.2}, {high:.2}]", side.value_mm, side.sigma_mm)
 }
 
 fn face_line(face: &FaceOutcome) -> String {

@@ -146,6 +146,11 @@ impl Calibration {
         &self.camera
     }
 
+    /// The same head with other parameters and without covariance; not checked: steps of a derivative are small.
+    pub(crate) fn with_parameters(&self, camera: CameraModel, lasers: [Plane<Cam>; 4]) -> Self {
+        Self { serial: String::new(), camera, lasers, covariance: None, ..*self }
+    }
+
     /// The same head with one laser turned by `angle_rad` about its exit (where its plane meets the camera's x axis), the
     /// way a laser module drifts with temperature.
     pub(crate) fn with_turned_laser(&self, id: LaserId, angle_rad: f64) -> Self {

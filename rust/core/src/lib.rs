@@ -22,10 +22,13 @@ pub mod image;
 pub mod measurement;
 pub mod network;
 pub mod pipeline;
+#[doc(hidden)]
+pub mod points;
 mod rectangle;
 pub mod reject;
 mod stripe;
 pub mod units;
+pub mod warning;
 
 pub use calibration::Calibration;
 pub use camera::CameraModel;
@@ -39,4 +42,5 @@ pub use measurement::{
 pub use network::{Channel, FaceMaps, Network};
 pub use pipeline::{measure_box, measure_box_with_hints, measure_face, measure_face_with_hint};
 pub use reject::Reject;
-pub use units::{Estimate, LaserId, Px, Volume};
+pub use units::{AngleEstimate, Estimate, LaserId, Px, Volume};
+pub use warning::{Warning, WarningKind};

@@ -3,7 +3,9 @@
 use crate::frames::{Cam, Plane, Point};
 use crate::network::Network;
 use crate::reject::Reject;
-use crate::units::{Estimate, Px, Volume};
+use crate::units::{AngleEstimate, Estimate, Px, Volume};
+use crate::warning::Warning;
+use nalgebra::{Matrix2, SMatrix};
 use std::sync::atomic::AtomicBool;
 
 /// How the sides are computed.
@@ -30,7 +32,7 @@ pub enum EdgeMethod {
 }
 
 /// What the caller may choose. `Default` is what the courier uses.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy)]
 pub struct Settings<'a> {
     /// How the sides are computed.
     pub method: Method,
@@ -42,6 +44,29 @@ pub struct Settings<'a> {
     pub network: Option<&'a dyn Network>,
     /// Becomes true when the result is not wanted any more; looked at between stages.
     pub cancelled: Option<&'a AtomicBool>,
+    /// How far each laser may have turned since the calibration, rad, 1 sigma. A larger one makes sigmas larger and lets
+    /// more pass as normal.
+    pub drift_rad: f64,
+    /// The four sides of a face need not stand at right angles; the corner angles are reported.
+    pub free: bool,
+}
+
+/// Half of the 0.1 mrad that a laser's pointing drifts with temperature (physics.md): the four sit on one carrier and part
+/// of it is common.
+pub const USUAL_DRIFT_RAD: f64 = 0.05e-3;
+
+impl Default for Settings<'_> {
+    fn default() -> Self {
+        Self {
+            method: Method::default(),
+            edges: EdgeMethod::default(),
+            choose: None,
+            network: None,
+            cancelled: None,
+            drift_rad: USUAL_DRIFT_RAD,
+            free: false,
+        }
+    }
 }
 
 impl std::fmt::Debug for Settings<'_> {
@@ -51,7 +76,31 @@ impl std::fmt::Debug for Settings<'_> {
             .field("edges", &self.edges)
             .field("choose", &self.choose)
             .field("network", &self.network.is_some())
+            .field("drift_rad", &self.drift_rad)
+            .field("free", &self.free)
             .finish()
+    }
+}
+
+/// Causes that both faces of a box share: 18 parameters of the calibration (made independent), tilts of four lasers, the
+/// radius of the box's edges.
+pub const SHARED_CAUSES: usize = 23;
+
+/// Where the variances of a face's length and width come from. What two faces share is kept apart, because it neither
+/// averages out in a side that both show nor in the volume.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SideUncertainty {
+    /// Covariance of length and width from what this frame has for itself: noise, edge blur, light on the edges; mm^2.
+    pub own_mm2: Matrix2<f64>,
+    /// Change of length and width for one sigma of each shared cause, mm.
+    pub shared_mm: SMatrix<f64, 2, SHARED_CAUSES>,
+}
+
+impl SideUncertainty {
+    /// Covariance of length and width, mm^2.
+    #[must_use]
+    pub fn covariance_mm2(&self) -> Matrix2<f64> {
+        self.own_mm2 + self.shared_mm * self.shared_mm.transpose()
     }
 }
 
@@ -76,6 +125,12 @@ pub struct FaceMeasurement {
     pub stripe_points_px: [Vec<Px>; 4],
     /// Edge points that were used, per side (0: corner 0-1, 1: 1-2, 2: 2-3, 3: 3-0). For overlays.
     pub edge_points_px: [Vec<Px>; 4],
+    /// What length and width share with another face. Zero where it is not known (a decoded message).
+    pub uncertainty: SideUncertainty,
+    /// Angles at the corners, if right angles were not imposed ([`Settings::free`]).
+    pub corner_angles: Option<[AngleEstimate; 4]>,
+    /// Checks that failed.
+    pub warnings: Vec<Warning>,
 }
 
 /// Three sides and the volume, sorted: length >= width >= height.
@@ -118,6 +173,8 @@ pub struct BoxReport {
     pub outcome: Outcome,
     /// The two frames' own results, first and second frame.
     pub faces: [FaceOutcome; 2],
+    /// Checks between the two faces that failed; those of a face stand with it.
+    pub warnings: Vec<Warning>,
 }
 
 /// Time spent in each stage in nanoseconds, in the order in which the stages ran. Only filled by `*_timed` calls.

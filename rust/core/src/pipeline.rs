@@ -229,7 +229,7 @@ fn measure_on_plane(
         let keep_out = rectangle::keep_out(calibration, &face, rough);
         let edges = detector.edge_points(frame, calibration, rough, &keep_out);
         clock.lap("edges");
-        let result = rectangle::measure(frame, calibration, &face, rough, &edges, settings.method);
+        let result = rectangle::measure(frame, calibration, &face, rough, &edges, settings);
         clock.lap("fit");
         match result {
             Ok(face) => faces.push(face),
@@ -327,17 +327,19 @@ pub fn measure_box_with_hints(
     let (a, hint_a) = face(first, "first frame")?;
     let (b, hint_b) = face(second, "second frame")?;
     let hints = [hint_a, hint_b];
-    let outcome = match (&a, &b) {
+    let (outcome, warnings) = match (&a, &b) {
         (FaceOutcome::Measured(a), FaceOutcome::Measured(b)) => cuboid::assemble(a, b, settings.choose),
-        (FaceOutcome::Rejected(r), _) | (_, FaceOutcome::Rejected(r)) => Outcome::Rejected(r.clone()),
+        (FaceOutcome::Rejected(r), _) | (_, FaceOutcome::Rejected(r)) => {
+            (Outcome::Rejected(r.clone()), Vec::new())
+        }
     };
     if asked_network(settings).is_some()
         || !matches!(outcome, Outcome::Rejected(Reject::SidesDisagree { .. }))
     {
-        return Ok((BoxReport { outcome, faces: [a, b] }, hints));
+        return Ok((BoxReport { outcome, faces: [a, b], warnings }, hints));
     }
     let agreed = with_alternatives([first, second], calibration, settings, times);
-    Ok((agreed.unwrap_or(BoxReport { outcome, faces: [a, b] }), hints))
+    Ok((agreed.unwrap_or(BoxReport { outcome, faces: [a, b], warnings }), hints))
 }
 
 /// When the likeliest faces share no side, one of them may be two flush faces in one: the pair of alternatives that does
@@ -360,7 +362,7 @@ fn with_alternatives(
             if i > 0 && j > 0 {
                 continue;
             }
-            let outcome = cuboid::assemble(a, b, settings.choose);
+            let (outcome, warnings) = cuboid::assemble(a, b, settings.choose);
             if matches!(outcome, Outcome::Rejected(_)) {
                 continue;
             }
@@ -368,7 +370,7 @@ fn with_alternatives(
                 return None;
             }
             let measured = |face: &FaceMeasurement| FaceOutcome::Measured(Box::new(face.clone()));
-            found.get_or_insert(BoxReport { outcome, faces: [measured(a), measured(b)] });
+            found.get_or_insert(BoxReport { outcome, faces: [measured(a), measured(b)], warnings });
         }
     }
     found

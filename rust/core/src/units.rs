@@ -40,6 +40,26 @@ impl Estimate {
     }
 }
 
+/// Half the width of a 95 % interval in standard deviations: many independent causes add to a normal error (GUM, G.2).
+const COVERAGE_FACTOR: f64 = 1.96;
+
+impl Estimate {
+    /// The interval that contains the true length in 95 of 100 measurements, mm.
+    #[must_use]
+    pub fn interval_95_mm(&self) -> [f64; 2] {
+        [-COVERAGE_FACTOR, COVERAGE_FACTOR].map(|k| self.value_mm + k * self.sigma_mm)
+    }
+}
+
+/// An angle with its standard deviation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AngleEstimate {
+    /// Best value, rad.
+    pub value_rad: f64,
+    /// Standard deviation, rad.
+    pub sigma_rad: f64,
+}
+
 /// A volume in cubic metres with its standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Volume {
@@ -47,6 +67,14 @@ pub struct Volume {
     pub value_m3: f64,
     /// Standard deviation, m^3.
     pub sigma_m3: f64,
+}
+
+impl Volume {
+    /// The interval that contains the true volume in 95 of 100 measurements, m^3.
+    #[must_use]
+    pub fn interval_95_m3(&self) -> [f64; 2] {
+        [-COVERAGE_FACTOR, COVERAGE_FACTOR].map(|k| self.value_m3 + k * self.sigma_m3)
+    }
 }
 
 /// Which of the four lasers: 1 and 2 are one nearly parallel pair, 3 and 4 the other.

@@ -94,6 +94,14 @@ impl Head {
         Err(last.unwrap_or_else(|| Error::new("head", "no head drawn")))
     }
 
+    /// A head with these parameters and usual beams; planes `p . X = 1`, 1/mm.
+    ///
+    /// # Errors
+    /// If core refuses them.
+    pub fn of(serial: &str, camera: CameraModel, planes: [Vector3<f64>; 4]) -> Result<Self, Error> {
+        Self::new(serial, camera, planes.map(Into::into), [1.0; 4], [2.5; 4])
+    }
+
     fn new(
         serial: &str,
         camera: CameraModel,

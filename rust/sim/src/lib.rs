@@ -2,6 +2,7 @@
 //!
 //! One direction: [`rng`] → [`head`] (a calibration and its beams) → [`pose`] (where the head may stand) → [`stock`] (materials
 //! of the training or the held-out split) → [`world`] (boxes, stands, rooms, light) → [`render`] (film, then sensor) → [`truth`] and [`labels`] → [`recording`] and [`stream`].
+//! [`points`] draws boxes without pictures, to ask whether sigmas are true.
 //! Everything follows from a seed: the same seed gives the same bytes. Positions are mm; the raster is core's
 //! (pixel centres at integers). Nothing here is part of the measuring program's results.
 #![forbid(unsafe_code)]
@@ -11,6 +12,7 @@ pub mod head;
 pub mod labels;
 pub mod material;
 pub mod photos;
+pub mod points;
 pub mod pose;
 pub mod raster;
 pub mod recording;

@@ -379,6 +379,9 @@ mod tests {
             rms_px: 0.31,
             stripe_points_px: key_points_px.map(|[a, b]| along(a, b, 60)),
             edge_points_px: [0, 1, 2, 3].map(|side| along(corners_px[side], corners_px[(side + 1) % 4], 40)),
+            uncertainty: Default::default(),
+            corner_angles: None,
+            warnings: Vec::new(),
         }
     }
 

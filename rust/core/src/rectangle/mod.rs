@@ -1,11 +1,13 @@
 //! The rectangle of a face on its plane: which one ([`hypothesize`]), its joint fit ([`refine`]), the paper's eight key
-//! points ([`key_points`]), the way from rounded to sharp edges ([`sharp_edge`]), and the result with its uncertainty (this
-//! file).
+//! points ([`key_points`]), the way from rounded to sharp edges ([`sharp_edge`]), its sigmas ([`uncertainty`]), what the
+//! residuals tell ([`self_check`]), and the result (this file).
 
 pub(crate) mod hypothesize;
 pub(crate) mod key_points;
 pub(crate) mod refine;
+mod self_check;
 pub(crate) mod sharp_edge;
+mod uncertainty;
 
 use crate::calibration::Calibration;
 use crate::edges::EdgePoint;
@@ -13,18 +15,16 @@ use crate::face::extent::{FaceStripes, crossing_px};
 use crate::face::outline::{RoughRectangle, SIDES, span_mm};
 use crate::face::plane_fit::StripeObservation;
 use crate::face::raster::{OnPlane, PlaneRaster};
+use crate::frames::{Cam, Plane};
 use crate::image::Frame;
-use crate::measurement::{FaceMeasurement, Method};
+use crate::measurement::{FaceMeasurement, Method, Settings, SideUncertainty};
 use crate::reject::Reject;
-use crate::units::{Estimate, LaserId, Px};
-use nalgebra::SVector;
-use refine::{Anchor, FittedRectangle, ITERATIONS, refine, start_from};
+use crate::units::{AngleEstimate, Estimate, LaserId, Px};
+use crate::warning::Warning;
+use nalgebra::Matrix2;
+use refine::{Anchor, FittedRectangle, ITERATIONS, Problem, Shape, middles_mm, refine, start_from};
+use sharp_edge::Correction;
 
-/// Pointing drift of a laser module between calibrations, rad, 1 sigma: half of the 0.1 mrad of physics.md, since the
-/// four sit on one carrier and part of the drift is common.
-const LASER_DRIFT_RAD: f64 = 0.05e-3;
-/// Blur and demosaicing move edges of unequal brightness, px, 1 sigma.
-const EDGE_SYSTEMATIC_PX: f64 = 0.2;
 /// Fewest edge points on a side.
 const MIN_EDGE_POINTS: usize = 8;
 /// Residuals above these are not noise: stripes scatter by 0.2 to 0.5 px, edges by 0.3 to 1 px.
@@ -38,7 +38,7 @@ pub(crate) fn measure(
     face: &FaceStripes,
     rough: &RoughRectangle,
     edges: &[Vec<EdgePoint>; 4],
-    method: Method,
+    settings: &Settings,
 ) -> Result<FaceMeasurement, Reject> {
     let sides_found = edges.iter().filter(|e| e.len() >= MIN_EDGE_POINTS).count() as u8;
     let open = || Reject::RectangleOpen { sides_found };
@@ -49,56 +49,110 @@ pub(crate) fn measure(
         return Err(Reject::FaceNotPlanar { rms_px: face.fit.rms_px, limit_px: MAX_STRIPE_RMS_PX });
     }
     let stripes = face_observations(calibration, face, rough);
-    let [l1, _, l3, l4] = LaserId::ALL;
-    let at = crossing_px(calibration, &face.fit.plane, l1, l3).ok_or_else(open)?;
-    let towards = crossing_px(calibration, &face.fit.plane, l1, l4).ok_or_else(open)?;
-    let anchor = Anchor { at, towards };
-    let start = start_from(calibration, rough, anchor).ok_or_else(open)?;
-    let mut fit = refine(calibration, &stripes, edges, anchor, &start, ITERATIONS).ok_or_else(open)?;
+    let observed = Observed { calibration, stripes: &stripes, edges };
+    let fitted = observed.fit(&face.fit.plane, rough, settings).ok_or_else(open)?;
+    let fit = &fitted.fit;
     let limit_px = edge_limit_px(edges);
     if fit.edge_rms_px > limit_px {
         return Err(Reject::NotARectangle { rms_px: fit.edge_rms_px, limit_px });
     }
-    check_crossings(frame, calibration, &fit)?;
+    check_crossings(frame, calibration, fit)?;
+    let corrections = sharp_edge::corrections(frame, calibration, face, fit, &rough.at_ends);
+    if settings.method == Method::Keypoints {
+        let points = key_points::measure(calibration, face, fit, edges).ok_or_else(open)?;
+        return observed.by_key_points(&fitted, &corrections, &points).ok_or_else(open);
+    }
+    observed.by_fit(fitted, &corrections).ok_or_else(open)
+}
 
-    let sides = |offsets: &[f64; 4]| [offsets[1] - offsets[0], offsets[3] - offsets[2]];
-    let mut values = sides(&fit.offsets_mm);
-    let corrections = sharp_edge::corrections(frame, calibration, face, &fit, &rough.at_ends);
-    let sharpen = sharp_edge::lengths(&corrections);
-    let surface =
-        sharpen.map(|(_, variance)| variance + 2.0 * (EDGE_SYSTEMATIC_PX * rough.mm_per_px).powi(2));
-    let mut variances = [0, 2].map(|low| {
-        let mut pick = SVector::<f64, 8>::zeros();
-        pick[4 + low] = -1.0;
-        pick[5 + low] = 1.0;
-        (pick.transpose() * fit.covariance * pick)[0] + surface[low / 2]
-    });
-    for id in LaserId::ALL {
-        let turned = calibration.with_turned_laser(id, LASER_DRIFT_RAD);
-        if let Some(moved) = refine(&turned, &stripes, edges, anchor, &fit.params, 2) {
-            for ((v, m), f) in variances.iter_mut().zip(sides(&moved.offsets_mm)).zip(values) {
-                *v += (m - f).powi(2);
-            }
+/// What was seen of a face.
+#[derive(Clone, Copy)]
+pub(crate) struct Observed<'a> {
+    pub calibration: &'a Calibration,
+    pub stripes: &'a [StripeObservation],
+    pub edges: &'a [Vec<EdgePoint>; 4],
+}
+
+/// A face fitted to it, before its edges are sharpened.
+pub(crate) struct Fitted {
+    pub fit: FittedRectangle,
+    causes: uncertainty::Causes,
+    checks: self_check::SelfCheck,
+    corner_angles: Option<[AngleEstimate; 4]>,
+}
+
+impl Observed<'_> {
+    /// Fits and checks the face.
+    pub fn fit(&self, plane: &Plane<Cam>, rough: &RoughRectangle, settings: &Settings) -> Option<Fitted> {
+        let calibration = self.calibration;
+        let [l1, _, l3, l4] = LaserId::ALL;
+        let at = crossing_px(calibration, plane, l1, l3)?;
+        let towards = crossing_px(calibration, plane, l1, l4)?;
+        let anchor = Anchor { at, towards };
+        let start = start_from(calibration, rough, anchor)?;
+        let problem = Problem {
+            calibration,
+            stripes: self.stripes,
+            edges: self.edges,
+            anchor,
+            middles_mm: middles_mm(&start),
+        };
+        let mut fit = refine(&problem, &start, Shape::Rectangle, ITERATIONS)?;
+        let drift_rad = settings.drift_rad.max(f64::EPSILON);
+        let mut causes = uncertainty::causes(&problem, &fit, [drift_rad; 4])?;
+        let checks = self_check::check(&fit, &causes, drift_rad).unwrap_or_default();
+        let mut corner_angles = None;
+        if settings.free {
+            fit = refine(&problem, &fit.params, Shape::Quadrilateral, ITERATIONS)?;
         }
+        if settings.free || checks.tilt_rad.is_some() {
+            causes = uncertainty::causes(&problem, &fit, uncertainty::tilts_rad(drift_rad, checks.tilt_rad))?;
+        }
+        if settings.free {
+            corner_angles = Some(uncertainty::corner_angles(&fit, &causes));
+        }
+        Some(Fitted { fit, causes, checks, corner_angles })
     }
-    if method == Method::Keypoints {
-        // The paper measures what the image shows: what the rounding takes is part of its error.
-        let points = key_points::measure(calibration, face, &fit, edges).ok_or_else(open)?;
-        values = points.sides_mm;
-        for ((v, s), (outwards_mm, _)) in variances.iter_mut().zip(surface).zip(sharpen) {
-            *v = s + outwards_mm * outwards_mm;
-        }
-        variances = [0, 1].map(|i| variances[i] + points.variances_mm2[i]);
-    } else {
-        for (((offset, correction), (_, high)), i) in
-            fit.offsets_mm.iter_mut().zip(&corrections).zip(SIDES).zip([0, 0, 1, 1])
-        {
+
+    /// The face with sharp edges.
+    pub fn by_fit(&self, fitted: Fitted, corrections: &[Correction; 4]) -> Option<FaceMeasurement> {
+        let key_points_px = key_points::on_sides(self.calibration, &fitted.fit)?;
+        let Fitted { mut fit, causes, checks, corner_angles } = fitted;
+        let mut uncertainty = uncertainty::of_sides(&fit, &causes, corrections);
+        for ((offset, correction), (_, high)) in fit.offsets_mm.iter_mut().zip(corrections).zip(SIDES) {
             *offset += if high { correction.outwards_mm } else { -correction.outwards_mm };
-            values[i] += correction.outwards_mm;
         }
+        let values_mm = lengths_mm(&fit.offsets_mm);
+        // A face whose sides lie off the fitted plane is seen as a plane that far nearer or farther.
+        let (_, distance_mm) = fit.raster.plane.normal_and_distance_mm();
+        let bulge = nalgebra::Vector2::from(values_mm) * (checks.off_plane_mm / distance_mm);
+        uncertainty.own_mm2 += bulge * bulge.transpose();
+        let sides = Sides { values_mm, uncertainty, corner_angles };
+        assemble(self, &fit, sides, key_points_px, checks.warnings)
     }
-    let key_points_px = key_points::on_sides(calibration, &fit).ok_or_else(open)?;
-    assemble(calibration, &stripes, edges, &fit, values, variances, key_points_px).ok_or_else(open)
+
+    /// The face as the paper has it: what the rounding of its edges takes is part of its error.
+    fn by_key_points(
+        &self,
+        fitted: &Fitted,
+        corrections: &[Correction; 4],
+        points: &key_points::KeyPointSides,
+    ) -> Option<FaceMeasurement> {
+        let Fitted { fit, causes, checks, corner_angles } = fitted;
+        let mut uncertainty = uncertainty::of_sides(fit, causes, corrections);
+        for (i, pair) in corrections.chunks_exact(2).enumerate() {
+            let outwards_mm: f64 = pair.iter().map(|c| c.outwards_mm).sum();
+            uncertainty.own_mm2[(i, i)] += outwards_mm.powi(2) + points.variances_mm2[i];
+        }
+        let key_points_px = key_points::on_sides(self.calibration, fit)?;
+        let sides = Sides { values_mm: points.sides_mm, uncertainty, corner_angles: *corner_angles };
+        assemble(self, fit, sides, key_points_px, checks.warnings.clone())
+    }
+}
+
+/// Distances of opposite sides, mm.
+fn lengths_mm(offsets_mm: &[f64; 4]) -> [f64; 2] {
+    [offsets_mm[1] - offsets_mm[0], offsets_mm[3] - offsets_mm[2]]
 }
 
 /// What edge residuals may be: more where the points come from a coarse map.
@@ -171,47 +225,63 @@ pub(crate) fn corner_points([a0, a1, b0, b1]: &[f64; 4]) -> [OnPlane; 4] {
     [OnPlane::new(*a0, *b0), OnPlane::new(*a1, *b0), OnPlane::new(*a1, *b1), OnPlane::new(*a0, *b1)]
 }
 
+/// The two lengths in the order of the raster.
+struct Sides {
+    values_mm: [f64; 2],
+    uncertainty: SideUncertainty,
+    corner_angles: Option<[AngleEstimate; 4]>,
+}
+
 fn assemble(
-    calibration: &Calibration,
-    stripes: &[StripeObservation],
-    edges: &[Vec<EdgePoint>; 4],
+    observed: &Observed,
     fit: &FittedRectangle,
-    values: [f64; 2],
-    variances: [f64; 2],
+    sides: Sides,
     key_points_px: [[Px; 2]; 4],
+    warnings: Vec<Warning>,
 ) -> Option<FaceMeasurement> {
-    let estimates = [0, 1].map(|i| Estimate::new(values[i], variances[i].max(0.0).sqrt()));
-    let round = corner_points(&fit.offsets_mm);
+    let Sides { values_mm, mut uncertainty, mut corner_angles } = sides;
+    let calibration = observed.calibration;
+    let round = [fit.corner(0, 2), fit.corner(1, 2), fit.corner(1, 3), fit.corner(0, 3)];
     // Sides going round from corner 0: low b, high a, high b, low a.
-    let mut corners = round;
-    let mut sides = [2, 1, 3, 0];
-    let (mut length, mut width) = (estimates[0], estimates[1]);
-    if length.value_mm < width.value_mm {
-        std::mem::swap(&mut length, &mut width);
-        corners = [round[0], round[3], round[2], round[1]];
-        sides = [0, 3, 1, 2];
+    let mut order = [0, 1, 2, 3];
+    let mut going_round = [2, 1, 3, 0];
+    let mut values_mm = values_mm;
+    if values_mm[0] < values_mm[1] {
+        values_mm.swap(0, 1);
+        let swap = Matrix2::new(0.0, 1.0, 1.0, 0.0);
+        uncertainty.own_mm2 = swap * uncertainty.own_mm2 * swap;
+        uncertainty.shared_mm = swap * uncertainty.shared_mm;
+        order = [0, 3, 2, 1];
+        going_round = [0, 3, 1, 2];
     }
+    corner_angles = corner_angles.map(|angles| order.map(|i| angles[i]));
+    let corners = order.map(|i| round[i]);
     let px = |c: OnPlane| fit.raster.pixel(calibration, c);
     let corners_px = [px(corners[0])?, px(corners[1])?, px(corners[2])?, px(corners[3])?];
     let used = |side: usize| -> Vec<Px> {
-        edges[side]
+        observed.edges[side]
             .iter()
             .zip(&fit.edge_inliers[side])
             .filter(|(_, used)| **used)
             .map(|(e, _)| e.at)
             .collect()
     };
+    let variances = uncertainty.covariance_mm2().diagonal();
+    let estimate = |i: usize| Estimate::new(values_mm[i], variances[i].max(0.0).sqrt());
     Some(FaceMeasurement {
-        length,
-        width,
+        length: estimate(0),
+        width: estimate(1),
         plane: fit.raster.plane,
         corners_px,
         corners: corners.map(|c| fit.raster.cam_point(c)),
         key_points_px,
         rms_px: fit.rms_px,
         stripe_points_px: LaserId::ALL
-            .map(|id| stripes.iter().filter(|s| s.laser == id).map(|s| s.at).collect()),
-        edge_points_px: sides.map(used),
+            .map(|id| observed.stripes.iter().filter(|s| s.laser == id).map(|s| s.at).collect()),
+        edge_points_px: going_round.map(used),
+        uncertainty,
+        corner_angles,
+        warnings,
     })
 }
 

@@ -1,19 +1,44 @@
 //! The joint fit: a rectangle on a plane (plane 3, direction 1, four side offsets: 8 unknowns) to all stripe centres and
-//! all edge points at once, in pixels, robust, with a covariance (physics.md, "Face fit").
+//! all edge points at once, in pixels, robust (physics.md, "Face fit"); with right angles relaxed it has 3 unknowns more.
+//! What its residuals say of the face is in [`super::self_check`], what it means for sigma in [`super::uncertainty`].
 
 use crate::calibration::Calibration;
 use crate::edges::EdgePoint;
-use crate::face::outline::{RoughRectangle, SIDES};
+use crate::face::outline::{Across, RoughRectangle, SIDES, span_mm};
 use crate::face::plane_fit::{StripeObservation, stripe_residual_px};
-use crate::face::raster::PlaneRaster;
+use crate::face::raster::{OnPlane, PlaneRaster};
 use crate::frames::Plane;
 use crate::units::Px;
 use nalgebra::{SMatrix, SVector, Vector3};
 
-/// Unknowns: plane (3, 1/mm), direction (rad), offsets of the four sides (mm).
-pub(crate) type Params = SVector<f64, 8>;
+/// Number of unknowns.
+pub(crate) const UNKNOWNS: usize = 11;
+/// First of the offsets of the four sides.
+pub(crate) const OFFSETS: usize = 4;
+/// First of the three that a rectangle does not have.
+pub(crate) const SHAPE: usize = 8;
+/// Unknowns: plane (3, 1/mm), direction (rad), offsets of the four sides at their middles (mm); then, zero for a rectangle,
+/// the angle from sides a to sides b beyond a right one and the angle between each two opposite sides (rad).
+pub(crate) type Params = SVector<f64, UNKNOWNS>;
 /// Their covariance.
-pub(crate) type Covariance = SMatrix<f64, 8, 8>;
+pub(crate) type Covariance = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
+
+/// What the four sides may form.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Shape {
+    Rectangle,
+    /// `--free`: any four straight sides.
+    Quadrilateral,
+}
+
+impl Shape {
+    fn unknowns(self) -> usize {
+        match self {
+            Self::Rectangle => SHAPE,
+            Self::Quadrilateral => UNKNOWNS,
+        }
+    }
+}
 
 /// Two pixels that fix the raster's origin and axis for every plane.
 #[derive(Clone, Copy, Debug)]
@@ -22,13 +47,14 @@ pub(crate) struct Anchor {
     pub towards: Px,
 }
 
-/// A fitted rectangle.
+/// A fitted face.
 #[derive(Clone, Debug)]
 pub(crate) struct FittedRectangle {
     pub raster: PlaneRaster,
     /// Offsets of the sides, mm, in the order of [`SIDES`].
     pub offsets_mm: [f64; 4],
     pub params: Params,
+    /// Of the noise alone.
     pub covariance: Covariance,
     /// Root mean square of all residuals that count, px.
     pub rms_px: f64,
@@ -36,35 +62,118 @@ pub(crate) struct FittedRectangle {
     pub edge_rms_px: f64,
     /// Which edge points count.
     pub edge_inliers: [Vec<bool>; 4],
+    /// All observations at the solution.
+    pub rows: Vec<Row>,
+    /// Middle of each side along its direction, about which it turns, mm.
+    middles_mm: [f64; 4],
+}
+
+impl FittedRectangle {
+    /// Where a side of the raster's first direction (0, 1) meets one of the second (2, 3), with other offsets than the
+    /// fit's own if they were corrected since.
+    pub fn corner(&self, side_a: usize, side_b: usize) -> OnPlane {
+        let slope = |side: usize| -lever(side) * turn_rad(&self.params, side).tan();
+        let (ta, tb) = (slope(side_a), slope(side_b));
+        // a = offset_a + ta (b - middle_a), b = offset_b + tb (a - middle_b)
+        let (oa, ob) = (self.offsets_mm[side_a], self.offsets_mm[side_b]);
+        let (ma, mb) = (self.middles_mm[side_a], self.middles_mm[side_b]);
+        let a = (oa + ta * (ob - tb * mb - ma)) / (1.0 - ta * tb);
+        OnPlane::new(a, ob + tb * (a - mb))
+    }
 }
 
 /// Tukey's constant: 95 % efficiency for normal residuals.
 const TUKEY: f64 = 4.685;
 pub(crate) const ITERATIONS: usize = 12;
-/// Neighbouring edge points share print, shadow and rounding: about one in so many is independent.
+/// Neighbouring edge points share print, shadow and rounding: about one in so many is independent, where the residuals
+/// cannot tell.
 const EDGE_CORRELATION: f64 = 4.0;
 /// The same for stripe points (texture, after speckle is averaged in the block).
 const STRIPE_CORRELATION: f64 = 2.0;
+/// So many observations tell the correlation as well as what is known beforehand.
+const CORRELATION_PRIOR: f64 = 30.0;
+/// Neighbours up to this distance can be correlated; beyond it the estimate is noise alone.
+const MOST_NEIGHBOURS: usize = 12;
 
-struct Problem<'a> {
-    calibration: &'a Calibration,
-    anchor: Anchor,
+/// The observations and the coordinates in which they are compared.
+pub(crate) struct Problem<'a> {
+    pub calibration: &'a Calibration,
+    pub stripes: &'a [StripeObservation],
+    pub edges: &'a [Vec<EdgePoint>; 4],
+    pub anchor: Anchor,
+    /// Middle of each side along its direction, about which it turns, mm.
+    pub middles_mm: [f64; 4],
 }
 
-/// Weighted residual of one observation: value in sigmas, derivative, and px per sigma.
-struct Row {
-    px: f64,
-    sigma_px: f64,
-    derivative_px: Params,
+/// What a residual belongs to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Source {
+    /// Index of the laser.
+    Stripe(usize),
+    /// Index of the side.
+    Edge(usize),
 }
 
-impl Problem<'_> {
+/// One observation against the model.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Row {
+    pub source: Source,
+    pub at: Px,
+    /// Residual across the stripe or side.
+    pub px: f64,
+    pub sigma_px: f64,
+    pub derivative_px: Params,
+    /// Millimetres across the side per px (edges only).
+    pub mm_per_px: f64,
+    /// Position along the side from its middle, mm (edges only).
+    pub along_mm: f64,
+    /// Robust weight, 0 to 1.
+    pub robust: f64,
+    /// Weight in the fit: robust weight over variance, correlated neighbours counted once, 1/px^2.
+    pub weight: f64,
+}
+
+/// Turns of the four sides for the three unknowns of the shape, rad: `turn = TURNS[side] . shape`.
+pub(crate) const TURNS: [[f64; 3]; 4] =
+    [[-0.5, -0.5, 0.0], [-0.5, 0.5, 0.0], [0.5, 0.0, -0.5], [0.5, 0.0, 0.5]];
+
+/// Turn of a side, rad.
+pub(crate) fn turn_rad(params: &Params, side: usize) -> f64 {
+    TURNS[side].iter().zip(params.iter().skip(SHAPE)).map(|(t, p)| t * p).sum()
+}
+
+/// The offset of a side that turns by +1 rad about its middle changes by this, per mm along it.
+pub(crate) fn lever(side: usize) -> f64 {
+    match SIDES[side].0 {
+        Across::A => 1.0,
+        Across::B => -1.0,
+    }
+}
+
+impl<'a> Problem<'a> {
     fn raster(&self, params: &Params) -> Option<PlaneRaster> {
+        self.raster_in(self.calibration, params)
+    }
+
+    /// The raster as another calibration has it.
+    pub fn raster_in(&self, calibration: &Calibration, params: &Params) -> Option<PlaneRaster> {
         let plane = Plane::new(Vector3::new(params[0], params[1], params[2]));
-        Some(
-            PlaneRaster::new(self.calibration, &plane, self.anchor.at, self.anchor.towards)?
-                .turned(params[3]),
-        )
+        Some(PlaneRaster::new(calibration, &plane, self.anchor.at, self.anchor.towards)?.turned(params[3]))
+    }
+
+    /// Offset of an edge pixel from its side, mm.
+    pub fn beside_mm(
+        &self,
+        calibration: &Calibration,
+        raster: &PlaneRaster,
+        params: &Params,
+        side: usize,
+        at: Px,
+    ) -> Option<f64> {
+        let (across, _) = SIDES[side];
+        let on = raster.on_plane(calibration, at)?;
+        let along = across.along(on) - self.middles_mm[side];
+        Some(across.offset(on) + lever(side) * turn_rad(params, side).tan() * along - params[OFFSETS + side])
     }
 
     fn stripe_row(&self, params: &Params, o: &StripeObservation) -> Option<Row> {
@@ -72,26 +181,67 @@ impl Problem<'_> {
         let (px, per, x) = stripe_residual_px(self.calibration, &plane, o.laser, o.at)?;
         let mut derivative_px = Params::zeros();
         derivative_px.fixed_rows_mut::<3>(0).copy_from(&(x * per));
-        Some(Row { px, sigma_px: o.sigma_px, derivative_px })
+        Some(Row {
+            source: Source::Stripe(o.laser.index()),
+            at: o.at,
+            px,
+            sigma_px: o.sigma_px,
+            derivative_px,
+            mm_per_px: 0.0,
+            along_mm: 0.0,
+            robust: 1.0,
+            weight: 0.0,
+        })
     }
 
     fn edge_row(&self, params: &Params, rasters: &Rasters, side: usize, p: &EdgePoint) -> Option<Row> {
         let (across, _) = SIDES[side];
-        let offset =
-            |raster: &PlaneRaster, px: Px| raster.on_plane(self.calibration, px).map(|at| across.offset(at));
-        let here = offset(&rasters.here, p.at)?;
+        let beside =
+            |raster: &PlaneRaster, px: Px| self.beside_mm(self.calibration, raster, params, side, px);
+        let here = beside(&rasters.here, p.at)?;
         // Millimetres of offset per pixel across the side, from the raster itself.
-        let right = offset(&rasters.here, Px::new(p.at.u + 0.5, p.at.v))?
-            - offset(&rasters.here, Px::new(p.at.u - 0.5, p.at.v))?;
-        let down = offset(&rasters.here, Px::new(p.at.u, p.at.v + 0.5))?
-            - offset(&rasters.here, Px::new(p.at.u, p.at.v - 0.5))?;
+        let right = beside(&rasters.here, Px::new(p.at.u + 0.5, p.at.v))?
+            - beside(&rasters.here, Px::new(p.at.u - 0.5, p.at.v))?;
+        let down = beside(&rasters.here, Px::new(p.at.u, p.at.v + 0.5))?
+            - beside(&rasters.here, Px::new(p.at.u, p.at.v - 0.5))?;
         let mm_per_px = right.hypot(down).max(1e-9);
+        let along_mm = across.along(rasters.here.on_plane(self.calibration, p.at)?) - self.middles_mm[side];
         let mut derivative_px = Params::zeros();
         for (i, (raster, step)) in rasters.moved.iter().enumerate() {
-            derivative_px[i] = (offset(raster, p.at)? - here) / step / mm_per_px;
+            derivative_px[i] = (beside(raster, p.at)? - here) / step / mm_per_px;
         }
-        derivative_px[4 + side] = -1.0 / mm_per_px;
-        Some(Row { px: (here - params[4 + side]) / mm_per_px, sigma_px: p.sigma_px, derivative_px })
+        derivative_px[OFFSETS + side] = -1.0 / mm_per_px;
+        for (i, turn) in TURNS[side].iter().enumerate() {
+            derivative_px[SHAPE + i] = turn * lever(side) * along_mm / mm_per_px;
+        }
+        Some(Row {
+            source: Source::Edge(side),
+            at: p.at,
+            px: here / mm_per_px,
+            sigma_px: p.sigma_px,
+            derivative_px,
+            mm_per_px,
+            along_mm,
+            robust: 1.0,
+            weight: 0.0,
+        })
+    }
+
+    /// All observations at these unknowns, weighted.
+    fn rows(&self, params: &Params) -> Option<Vec<Row>> {
+        let rasters = Rasters::new(self, params)?;
+        let mut rows: Vec<Row> =
+            self.stripes.iter().map(|o| self.stripe_row(params, o)).collect::<Option<_>>()?;
+        let stripes = rows.len();
+        for (side, points) in self.edges.iter().enumerate() {
+            for p in points {
+                rows.push(self.edge_row(params, &rasters, side, p)?);
+            }
+        }
+        let (stripe_rows, edge_rows) = rows.split_at_mut(stripes);
+        weigh(stripe_rows, STRIPE_CORRELATION);
+        weigh(edge_rows, EDGE_CORRELATION);
+        Some(rows)
     }
 }
 
@@ -115,89 +265,98 @@ impl Rasters {
     }
 }
 
-/// Fits the rectangle. `None` if the observations do not fix all eight unknowns.
+/// Robust weights in units of the rows' own scatter; neighbours that say the same count once.
+fn weigh(rows: &mut [Row], usual_correlation: f64) {
+    let scale = robust_scale(rows);
+    for row in rows.iter_mut() {
+        let t = row.px / (row.sigma_px * scale * TUKEY);
+        row.robust = (1.0 - t * t).max(0.0).powi(2);
+    }
+    let correlation = correlation(rows, usual_correlation);
+    for row in rows.iter_mut() {
+        row.weight = row.robust / ((row.sigma_px * scale).powi(2) * correlation);
+    }
+}
+
+/// How many neighbouring residuals say as much as one independent one: `1 + 2 (rho_1 + rho_2 + ...)`, summed until rho is
+/// lost in its own noise, and drawn towards what is usual where there are few. Never below 1.
+fn correlation(rows: &[Row], usual: f64) -> f64 {
+    let unit = |r: &Row| r.px / r.sigma_px * r.robust.sqrt();
+    let count = rows.len() as f64;
+    let power: f64 = rows.iter().map(|r| unit(r).powi(2)).sum();
+    if power <= 0.0 {
+        return usual;
+    }
+    let mut sum = 1.0;
+    for distance in 1..=MOST_NEIGHBOURS {
+        let pairs = rows.iter().zip(rows.iter().skip(distance)).filter(|(a, b)| a.source == b.source);
+        let rho = pairs.map(|(a, b)| unit(a) * unit(b)).sum::<f64>() / power;
+        if rho < 2.0 / count.sqrt() {
+            break;
+        }
+        sum += 2.0 * rho;
+    }
+    ((count * sum + CORRELATION_PRIOR * usual) / (count + CORRELATION_PRIOR)).max(1.0)
+}
+
+/// Fits the face. `None` if the observations do not fix all its unknowns.
 pub(crate) fn refine(
-    calibration: &Calibration,
-    stripes: &[StripeObservation],
-    edges: &[Vec<EdgePoint>; 4],
-    anchor: Anchor,
+    problem: &Problem,
     start: &Params,
+    shape: Shape,
     iterations: usize,
 ) -> Option<FittedRectangle> {
-    let problem = Problem { calibration, anchor };
     let mut params = *start;
     let mut covariance = Covariance::zeros();
-    let mut rms = (0.0, 0.0);
-    let mut edge_inliers = edges.each_ref().map(|e| vec![false; e.len()]);
+    let mut rows = problem.rows(&params)?;
     for _ in 0..iterations {
-        let rasters = Rasters::new(&problem, &params)?;
-        let stripe_rows: Vec<Row> =
-            stripes.iter().map(|o| problem.stripe_row(&params, o)).collect::<Option<_>>()?;
-        let mut edge_rows: Vec<Row> = Vec::new();
-        for (side, points) in edges.iter().enumerate() {
-            for p in points {
-                edge_rows.push(problem.edge_row(&params, &rasters, side, p)?);
-            }
-        }
         let mut normal = Covariance::zeros();
         let mut right = Params::zeros();
-        let (mut sum, mut count, mut edge_sum, mut edge_count) = (0.0, 0.0, 0.0, 0.0);
-        for (class, rows) in [&stripe_rows, &edge_rows].into_iter().enumerate() {
-            let scale = robust_scale(rows);
-            let correlation = if class == 0 { STRIPE_CORRELATION } else { EDGE_CORRELATION };
-            for (i, row) in rows.iter().enumerate() {
-                let sigma = row.sigma_px * scale;
-                let t = row.px / (sigma * TUKEY);
-                let robust = (1.0 - t * t).max(0.0).powi(2);
-                if class == 1 {
-                    mark(&mut edge_inliers, i, robust > 0.1);
-                }
-                if robust <= 0.0 {
-                    continue;
-                }
-                let weight = robust / (sigma * sigma * correlation);
-                normal += row.derivative_px * row.derivative_px.transpose() * weight;
-                right -= row.derivative_px * (weight * row.px);
-                sum += robust * row.px * row.px;
-                count += robust;
-                if class == 1 {
-                    edge_sum += robust * row.px * row.px;
-                    edge_count += robust;
-                }
-            }
+        for row in rows.iter().filter(|r| r.robust > 0.0) {
+            normal += row.derivative_px * row.derivative_px.transpose() * row.weight;
+            right -= row.derivative_px * (row.weight * row.px);
         }
-        rms = ((sum / f64::max(count, 1.0)).sqrt(), (edge_sum / f64::max(edge_count, 1.0)).sqrt());
-        // The unknowns have sizes from 1e-4 to 1e3: scale before solving.
-        let units = Params::from_fn(|i, _| 1.0 / normal[(i, i)].max(1e-300).sqrt());
-        let scaled = Covariance::from_diagonal(&units) * normal * Covariance::from_diagonal(&units);
-        let factor = scaled.cholesky()?;
-        let step = units.component_mul(&factor.solve(&right.component_mul(&units)));
-        covariance = Covariance::from_diagonal(&units) * factor.inverse() * Covariance::from_diagonal(&units);
+        covariance = inverse(&normal, shape)?;
+        let step = covariance * right;
         params += step;
+        rows = problem.rows(&params)?;
         if step.component_div(&covariance.diagonal().map(|c| c.max(0.0).sqrt().max(1e-300))).amax() < 1e-3 {
             break;
         }
     }
     let raster = problem.raster(&params)?;
-    params.iter().all(|p| p.is_finite()).then(|| FittedRectangle {
+    let rms = |edges_only: bool| {
+        let counted = rows.iter().filter(|r| !edges_only || matches!(r.source, Source::Edge(_)));
+        let (sum, count) = counted.fold((0.0, 0.0), |(s, n), r| (s + r.robust * r.px * r.px, n + r.robust));
+        (sum / f64::max(count, 1.0)).sqrt()
+    };
+    let edge_inliers = [0, 1, 2, 3]
+        .map(|side| rows.iter().filter(|r| r.source == Source::Edge(side)).map(|r| r.robust > 0.1).collect());
+    let (rms_px, edge_rms_px) = (rms(false), rms(true));
+    params.iter().all(|p| p.is_finite()).then_some(FittedRectangle {
         raster,
-        params,
         offsets_mm: [params[4], params[5], params[6], params[7]],
+        params,
         covariance,
-        rms_px: rms.0,
-        edge_rms_px: rms.1,
+        rms_px,
+        edge_rms_px,
         edge_inliers,
+        rows,
+        middles_mm: problem.middles_mm,
     })
 }
 
-fn mark(inliers: &mut [Vec<bool>; 4], mut index: usize, value: bool) {
-    for side in inliers {
-        if index < side.len() {
-            side[index] = value;
-            return;
-        }
-        index -= side.len();
+/// Inverse of the normal matrix over the unknowns of a shape; zero for the others.
+pub(crate) fn inverse(normal: &Covariance, shape: Shape) -> Option<Covariance> {
+    let free = |i: usize| i < shape.unknowns();
+    // The unknowns have sizes from 1e-4 to 1e3: scale before solving.
+    let units = Params::from_fn(|i, _| if free(i) { 1.0 / normal[(i, i)].max(1e-300).sqrt() } else { 0.0 });
+    let mut scaled = Covariance::from_diagonal(&units) * normal * Covariance::from_diagonal(&units);
+    for i in (0..UNKNOWNS).filter(|i| !free(*i)) {
+        scaled[(i, i)] = 1.0;
     }
+    let inverse = scaled.cholesky()?.inverse();
+    Some(Covariance::from_diagonal(&units) * inverse * Covariance::from_diagonal(&units))
 }
 
 fn robust_scale(rows: &[Row]) -> f64 {
@@ -207,6 +366,15 @@ fn robust_scale(rows: &[Row]) -> f64 {
     let mut sizes: Vec<f64> = rows.iter().map(|r| (r.px / r.sigma_px).abs()).collect();
     let middle = sizes.len() / 2;
     (*sizes.select_nth_unstable_by(middle, f64::total_cmp).1 / 0.6745).max(0.5)
+}
+
+/// Middles of the four sides along their directions, mm.
+pub(crate) fn middles_mm(params: &Params) -> [f64; 4] {
+    let offsets_mm = [params[4], params[5], params[6], params[7]];
+    [0, 1, 2, 3].map(|side| {
+        let (from, to) = span_mm(&offsets_mm, side);
+        0.5 * (from + to)
+    })
 }
 
 /// The unknowns of a rough rectangle.
@@ -235,5 +403,67 @@ pub(crate) fn start_from(
         a1 + shift.x,
         b0 + shift.y,
         b1 + shift.y,
+        0.0,
+        0.0,
+        0.0,
     ]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Residuals of one stripe, each `rho` of the last one and the rest new.
+    fn chain(rho: f64, count: usize) -> Vec<Row> {
+        let mut state = 1u64;
+        let mut normal = || {
+            let uniform = (0..12).map(|_| {
+                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                (state >> 11) as f64 / (1u64 << 53) as f64
+            });
+            uniform.sum::<f64>() - 6.0
+        };
+        let mut px = 0.0;
+        (0..count)
+            .map(|_| {
+                px = rho * px + (1.0 - rho * rho).sqrt() * normal();
+                Row {
+                    source: Source::Stripe(0),
+                    at: Px::new(0.0, 0.0),
+                    px,
+                    sigma_px: 0.3,
+                    derivative_px: Params::zeros(),
+                    mm_per_px: 0.0,
+                    along_mm: 0.0,
+                    robust: 1.0,
+                    weight: 0.0,
+                }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn neighbours_that_say_the_same_count_once() {
+        // A chain with rho has (1 + rho) / (1 - rho) residuals to an independent one.
+        for (rho, expected) in [(0.0, 1.0), (0.4, 2.33), (0.7, 5.67)] {
+            let found = correlation(&chain(rho, 3000), 2.0);
+            assert!((found / expected - 1.0).abs() < 0.2, "rho {rho}: {found}, {expected} expected");
+        }
+        // Few residuals tell nothing.
+        let few = correlation(&chain(0.0, 6), 4.0);
+        assert!((2.5..=4.5).contains(&few), "{few}");
+    }
+
+    #[test]
+    fn sides_turn_as_their_shape_says() {
+        // Skewed by 20 mrad, nothing else: sides a turn one way, sides b the other.
+        let mut params = Params::zeros();
+        params[SHAPE] = 0.02;
+        let turns = [0, 1, 2, 3].map(|side| turn_rad(&params, side));
+        assert_eq!(turns, [-0.01, -0.01, 0.01, 0.01]);
+        // Sides 0 and 1 at an angle of 20 mrad to each other.
+        let mut params = Params::zeros();
+        params[SHAPE + 1] = 0.02;
+        assert_eq!([0, 1, 2, 3].map(|side| turn_rad(&params, side)), [-0.01, 0.01, 0.0, 0.0]);
+    }
 }

@@ -9,7 +9,7 @@
 use super::refine::FittedRectangle;
 use crate::calibration::Calibration;
 use crate::face::extent::FaceStripes;
-use crate::face::outline::{Across, SIDES, span_mm};
+use crate::face::outline::{SIDES, span_mm};
 use crate::frames::Plane;
 use crate::image::Frame;
 use crate::stripe::peak::Estimator;
@@ -23,6 +23,8 @@ use nalgebra::{Matrix2, Vector2, Vector3};
 pub(crate) struct Correction {
     pub outwards_mm: f64,
     pub sigma_mm: f64,
+    /// The part of sigma that all edges of a box share: its radius, which is known only as cardboard's.
+    pub by_radius_mm: f64,
     /// Whether stripes beyond the edge measured it.
     pub measured: bool,
 }
@@ -63,7 +65,7 @@ pub(crate) fn corrections(
     [0, 1, 2, 3].map(|side| {
         if !at_ends[side] {
             // A seam between flush boxes is dark where both roundings meet: at the sharp edge.
-            return Correction { outwards_mm: 0.0, sigma_mm: 0.3, measured: false };
+            return Correction { outwards_mm: 0.0, sigma_mm: 0.3, by_radius_mm: 0.0, measured: false };
         }
         let expected = from_radius(fit, side);
         match from_stripes(frame, calibration, face, fit, side) {
@@ -74,24 +76,25 @@ pub(crate) fn corrections(
 }
 
 /// Weighted mean of what is known of radii and what the stripes measured.
-fn combine(expected: Correction, outwards_mm: f64, sigma_mm: f64) -> Correction {
+pub(crate) fn combine(expected: Correction, outwards_mm: f64, sigma_mm: f64) -> Correction {
     let (w1, w2) = (expected.sigma_mm.powi(-2), sigma_mm.powi(-2));
     Correction {
         outwards_mm: (expected.outwards_mm * w1 + outwards_mm * w2) / (w1 + w2),
         sigma_mm: (w1 + w2).sqrt().recip(),
+        by_radius_mm: expected.by_radius_mm * w1 / (w1 + w2),
         measured: true,
     }
 }
 
 /// Unit vector across the side, outwards.
-fn outwards(fit: &FittedRectangle, side: usize) -> Vector3<f64> {
+pub(crate) fn outwards(fit: &FittedRectangle, side: usize) -> Vector3<f64> {
     let (across, high) = SIDES[side];
     let axis = fit.raster.cam_point(across.at(1.0, 0.0)).mm - fit.raster.cam_point(Vector2::zeros()).mm;
     if high { axis } else { -axis }
 }
 
 /// The middle of the side.
-fn middle(fit: &FittedRectangle, side: usize) -> Vector3<f64> {
+pub(crate) fn middle(fit: &FittedRectangle, side: usize) -> Vector3<f64> {
     let (from, to) = span_mm(&fit.offsets_mm, side);
     fit.raster.cam_point(SIDES[side].0.at(fit.offsets_mm[side], 0.5 * (from + to))).mm
 }
@@ -101,7 +104,8 @@ fn normal(fit: &FittedRectangle) -> Vector3<f64> {
     fit.raster.plane.normal_and_distance_mm().0
 }
 
-fn from_radius(fit: &FittedRectangle, side: usize) -> Correction {
+/// What geometry and the usual radius of cardboard tell.
+pub(crate) fn from_radius(fit: &FittedRectangle, side: usize) -> Correction {
     let view = -middle(fit, side).normalize();
     let (out, facing) = (view.dot(&outwards(fit, side)), -view.dot(&normal(fit)));
     let (radius, radius_sigma) = RADIUS_MM;
@@ -114,7 +118,7 @@ fn from_radius(fit: &FittedRectangle, side: usize) -> Correction {
         (1.0 + tan - (1.0 + tan * tan).sqrt() + SILHOUETTE_SHARE.0, SILHOUETTE_SHARE.1)
     };
     let sigma_mm = (share * radius_sigma).hypot(share_sigma * radius);
-    Correction { outwards_mm: share * radius, sigma_mm, measured: false }
+    Correction { outwards_mm: share * radius, sigma_mm, by_radius_mm: share * radius_sigma, measured: false }
 }
 
 /// The side's place from stripe points beyond it, outwards from the image's edge, and its sigma, mm.
@@ -252,14 +256,4 @@ fn robust_line(samples: &[Sample]) -> Option<(f64, f64)> {
     let sigma = (2.0 * covariance[(0, 0)]).sqrt().hypot(FLATNESS_MM);
     let good = used >= MIN_POINTS as f64 && scale < 4.0 && state.x > RANGE_MM.0 && state.x < RANGE_MM.1;
     good.then_some((state.x, sigma))
-}
-
-/// Which sides' places change, for the two lengths.
-pub(crate) fn lengths(corrections: &[Correction; 4]) -> [(f64, f64); 2] {
-    let add = |low: &Correction, high: &Correction| {
-        (low.outwards_mm + high.outwards_mm, low.sigma_mm.powi(2) + high.sigma_mm.powi(2))
-    };
-    let [a, b, c, d] = corrections;
-    debug_assert!(SIDES[0].0 == Across::A && SIDES[2].0 == Across::B);
-    [add(a, b), add(c, d)]
 }

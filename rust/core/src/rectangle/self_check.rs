@@ -1,0 +1,284 @@
+//! What the residuals of a fitted face say beside its size. Four stripes and four sides are 16 line coefficients for 8
+//! unknowns (physics.md); the other 8 must be zero within their sigmas: 5 say whether the stripes lie on one plane, 3 whether
+//! the sides form a rectangle. Four more say whether each stripe is straight.
+//!
+//! Each check adds unknowns to the fit and asks how far from zero they come out (a score test: one linear step from the
+//! solution, no second fit). Their covariance is that of the noise and of all known causes: a laser that drifted as
+//! lasers do, or an edge that its background moves, is no failure.
+
+use super::refine::{FittedRectangle, Row, SHAPE, Source};
+use super::uncertainty::{CAUSES, Causes, TILTS};
+use crate::units::LaserId;
+use crate::warning::{Warning, WarningKind};
+use nalgebra::{DMatrix, DVector};
+
+/// What one sound face in a thousand exceeds: quantiles of chi-square with 1, 4 and 5 degrees of freedom.
+const LIMIT_1: f64 = 10.83;
+const LIMIT_4: f64 = 18.47;
+const LIMIT_5: f64 = 20.52;
+/// A laser is named if no other explains the stripes as well: its chi-square is larger by this (odds of 1 to 20).
+const CLEARLY: f64 = 6.0;
+/// Fewest centres with which a stripe's line and bend can be judged.
+const MIN_CENTRES: usize = 12;
+
+/// Added unknowns: shift and slope of each stripe (8), bend of each stripe (4), shape of the four sides (3).
+const LINES: std::ops::Range<usize> = 0..8;
+const BENDS: std::ops::Range<usize> = 8..12;
+const SHAPES: std::ops::Range<usize> = 12..15;
+const ADDED: usize = 15;
+
+/// What the checks of one face found.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct SelfCheck {
+    pub warnings: Vec<Warning>,
+    /// Tilt of a laser that the stripes show, rad, if the check failed.
+    pub tilt_rad: Option<f64>,
+    /// How far the sides may lie from the fitted plane, mm, because the face is not flat.
+    pub off_plane_mm: f64,
+}
+
+/// Runs all checks.
+pub(super) fn check(fit: &FittedRectangle, causes: &Causes, drift_rad: f64) -> Option<SelfCheck> {
+    // What the stripes say among themselves: the sides, whose shape is another question, have no part in it.
+    let stripes = System::new(fit, causes, |source| matches!(source, Source::Stripe(_)))?;
+    let mut found = SelfCheck::default();
+    coplanar(&stripes, drift_rad, &mut found)?;
+    straight(&stripes, fit, &mut found)?;
+    rectangular(&System::new(fit, causes, |_| true)?, fit, &mut found)?;
+    Some(found)
+}
+
+/// Normal equations of the fit with the added unknowns; the first [`SHAPE`] indices are the fit's, then the added ones.
+struct System {
+    normal: DMatrix<f64>,
+    score: DVector<f64>,
+    /// What one of each unknown is in its own unit.
+    units: DVector<f64>,
+    /// Change of the score for one sigma of each cause.
+    by_cause: DMatrix<f64>,
+}
+
+impl System {
+    fn new(fit: &FittedRectangle, causes: &Causes, counts: impl Fn(Source) -> bool) -> Option<Self> {
+        let along = along_stripes(&fit.rows)?;
+        let size = SHAPE + ADDED;
+        let mut system = Self {
+            normal: DMatrix::zeros(size, size),
+            score: DVector::zeros(size),
+            units: DVector::zeros(size),
+            by_cause: DMatrix::zeros(size, CAUSES),
+        };
+        for (i, row) in fit.rows.iter().enumerate().filter(|(_, r)| r.weight > 0.0 && counts(r.source)) {
+            // Few of the columns belong to a row: stripes have no shape, sides no lines.
+            let mut column = [(0, 0.0); SHAPE + 3];
+            for (k, c) in column.iter_mut().enumerate().take(SHAPE) {
+                *c = (k, row.derivative_px[k]);
+            }
+            match row.source {
+                Source::Stripe(laser) => {
+                    let t = along[i];
+                    column[SHAPE] = (SHAPE + 2 * laser, 1.0);
+                    column[SHAPE + 1] = (SHAPE + 2 * laser + 1, t);
+                    column[SHAPE + 2] = (SHAPE + BENDS.start + laser, 1.5 * t * t - 0.5);
+                }
+                Source::Edge(_) => {
+                    for k in 0..3 {
+                        column[SHAPE + k] = (SHAPE + SHAPES.start + k, row.derivative_px[SHAPE + k]);
+                    }
+                }
+            }
+            for (a, x) in column {
+                // The residual is observation minus model where it grows with the unknowns, so what is added explains it
+                // with the same sign.
+                system.score[a] += x * row.weight * row.px;
+                for (b, y) in column {
+                    system.normal[(a, b)] += x * y * row.weight;
+                }
+                for k in 0..CAUSES {
+                    system.by_cause[(a, k)] += x * row.weight * causes.on_residuals_px[(i, k)];
+                }
+            }
+        }
+        // All unknowns alike, since they have sizes from 1e-4 to 1e3.
+        system.units = system.normal.diagonal().map(|n| if n > 0.0 { 1.0 / n.sqrt() } else { 0.0 });
+        for a in 0..size {
+            let unit = system.units[a];
+            system.normal.row_mut(a).scale_mut(unit);
+            system.normal.column_mut(a).scale_mut(unit);
+            system.score[a] *= unit;
+            system.by_cause.row_mut(a).scale_mut(unit);
+        }
+        Some(system)
+    }
+
+    /// The unknowns `wanted` with `others` free beside them.
+    fn test(&self, wanted: &[usize], others: &[usize]) -> Option<Test> {
+        let part = |rows: &[usize], columns: &[usize]| self.normal.select_rows(rows).select_columns(columns);
+        let pass = part(wanted, others) * part(others, others).cholesky()?.inverse();
+        let score = self.score.select_rows(wanted) - &pass * self.score.select_rows(others);
+        let information = part(wanted, wanted) - &pass * part(others, wanted);
+        let by_cause = self.by_cause.select_rows(wanted) - &pass * self.by_cause.select_rows(others);
+        let covariance = &information + &by_cause * by_cause.transpose();
+        let unit = self.units[*wanted.first()?];
+        Some(Test { inverse: inverse(covariance)?, information, score, by_cause, unit })
+    }
+}
+
+/// The score of some added unknowns with its covariance.
+struct Test {
+    score: DVector<f64>,
+    information: DMatrix<f64>,
+    /// Inverse of the score's covariance.
+    inverse: DMatrix<f64>,
+    by_cause: DMatrix<f64>,
+    /// What one of the first unknown is in its own unit.
+    unit: f64,
+}
+
+impl Test {
+    fn chi_square(&self) -> f64 {
+        (self.score.transpose() * &self.inverse * &self.score)[0]
+    }
+
+    /// Best value of the only unknown and its sigma.
+    fn single(&self) -> (f64, f64) {
+        let unit = self.unit / self.information[(0, 0)].max(1e-300);
+        (self.score[0] * unit, unit / self.inverse[(0, 0)].max(1e-300).sqrt())
+    }
+
+    /// Best value of a cause in its sigmas, its own sigma, and the chi-square that it explains.
+    fn of_cause(&self, cause: usize) -> (f64, f64, f64) {
+        let shape = self.by_cause.column(cause);
+        let power = (shape.transpose() * &self.inverse * shape)[0].max(1e-300);
+        let pull = (shape.transpose() * &self.inverse * &self.score)[0];
+        (pull / power, 1.0 / power.sqrt(), pull * pull / power)
+    }
+}
+
+/// Inverse where the observations say something, zero where they do not: the plane already explains three combinations of
+/// the stripes' lines. Unknowns are scaled so that what is said is of the order of 1; what is left of the three is below
+/// 1e-4, since distortion bends lines a little.
+fn inverse(matrix: DMatrix<f64>) -> Option<DMatrix<f64>> {
+    matrix.pseudo_inverse(1e-3).ok()
+}
+
+/// Position of each row along its stripe, -1 to 1. `None` if a stripe has too few centres.
+fn along_stripes(rows: &[Row]) -> Option<Vec<f64>> {
+    let mut along = vec![0.0; rows.len()];
+    for laser in 0..4 {
+        let of_stripe = |r: &Row| r.source == Source::Stripe(laser) && r.weight > 0.0;
+        let used: Vec<usize> = (0..rows.len()).filter(|i| of_stripe(&rows[*i])).collect();
+        if used.len() < MIN_CENTRES {
+            return None;
+        }
+        let (first, last) = (rows[*used.first()?].at, rows[*used.last()?].at);
+        let length = first.distance_px(last).max(1.0);
+        let (du, dv) = ((last.u - first.u) / length, (last.v - first.v) / length);
+        for i in used {
+            let at = rows[i].at;
+            along[i] = 2.0 * ((at.u - first.u) * du + (at.v - first.v) * dv) / length - 1.0;
+        }
+    }
+    Some(along)
+}
+
+/// Do the stripes lie on one plane, and which laser explains it if not?
+fn coplanar(system: &System, drift_rad: f64, found: &mut SelfCheck) -> Option<()> {
+    let lines: Vec<usize> = LINES.map(|i| SHAPE + i).collect();
+    let plane: Vec<usize> = (0..3).collect();
+    let test = system.test(&lines, &plane)?;
+    let chi_square = test.chi_square();
+    if chi_square <= LIMIT_5 {
+        return Some(());
+    }
+    // A cause is given for a tilt of `drift_rad`; beside it, the drift that is normal stays in the covariance.
+    let mut lasers: Vec<_> =
+        LaserId::ALL.into_iter().map(|id| (id, test.of_cause(TILTS + id.index()))).collect();
+    lasers.sort_by(|a, b| b.1.2.total_cmp(&a.1.2));
+    let (likeliest, (tilt, sigma, explained)) = lasers[0];
+    let named = explained > lasers[1].1.2 + CLEARLY;
+    found.tilt_rad = Some(tilt * drift_rad);
+    found.warnings.push(Warning {
+        kind: WarningKind::LaserMoved,
+        laser: named.then_some(likeliest),
+        found: tilt * drift_rad,
+        sigma: sigma * drift_rad,
+        chi_square,
+        limit: LIMIT_5,
+    });
+    Some(())
+}
+
+/// Is each stripe straight?
+fn straight(system: &System, fit: &FittedRectangle, found: &mut SelfCheck) -> Option<()> {
+    let bends: Vec<usize> = BENDS.map(|i| SHAPE + i).collect();
+    // Each stripe's own shift and slope, which hold all that the plane could explain.
+    let others: Vec<usize> = LINES.map(|i| SHAPE + i).collect();
+    let chi_square = system.test(&bends, &others)?.chi_square();
+    if chi_square <= LIMIT_4 {
+        return Some(());
+    }
+    let mut most: Option<Warning> = None;
+    for id in LaserId::ALL {
+        let (bend, sigma) = system.test(&bends[id.index()..=id.index()], &others)?.single();
+        let height_mm = height_of_px(fit, id);
+        // The bend grows from -1/2 in the middle of the stripe to 1 at its ends.
+        let (sagitta_mm, sigma_mm) = (-1.5 * bend * height_mm, 1.5 * sigma * height_mm.abs());
+        if most.is_none_or(|m| sagitta_mm.abs() > m.found.abs()) {
+            most = Some(Warning {
+                kind: WarningKind::FaceNotFlat,
+                laser: Some(id),
+                found: sagitta_mm,
+                sigma: sigma_mm,
+                chi_square,
+                limit: LIMIT_4,
+            });
+        }
+    }
+    if let Some(warning) = most {
+        // The sides lie where the stripes end: two thirds of the sagitta off the mean plane.
+        found.off_plane_mm = warning.found.abs() / 1.5;
+        found.warnings.push(warning);
+    }
+    Some(())
+}
+
+/// How far towards the camera a point of a stripe lies that is seen 1 px across from where the plane predicts it, mm.
+fn height_of_px(fit: &FittedRectangle, id: LaserId) -> f64 {
+    let q = fit.raster.plane.per_mm;
+    let of_stripe = fit.rows.iter().filter(|r| r.source == Source::Stripe(id.index()) && r.weight > 0.0);
+    let (sum, count) = of_stripe.fold((0.0, 0.0), |(s, n), r| {
+        (s + r.derivative_px[0] * q.x + r.derivative_px[1] * q.y + r.derivative_px[2] * q.z, n + 1.0)
+    });
+    // A plane nearer by h has q (1 + h / distance); what is seen there has the opposite residual against the old plane.
+    let px_per_mm = -sum / f64::max(count, 1.0) * q.norm();
+    if px_per_mm.abs() > 1e-12 { 1.0 / px_per_mm } else { 0.0 }
+}
+
+/// Do the four sides form a rectangle?
+fn rectangular(system: &System, fit: &FittedRectangle, found: &mut SelfCheck) -> Option<()> {
+    let [a0, a1, b0, b1] = fit.offsets_mm;
+    // Opposite sides at an angle make the two others differ: their distance changes by it along the side.
+    let lengths_mm = [1.0, b1 - b0, a1 - a0];
+    for (k, length_mm) in lengths_mm.into_iter().enumerate() {
+        let wanted = SHAPE + SHAPES.start + k;
+        let beside = SHAPES.map(|i| SHAPE + i).filter(|i| *i != wanted);
+        let others: Vec<usize> = (0..SHAPE).chain(beside).collect();
+        let test = system.test(&[wanted], &others)?;
+        let chi_square = test.chi_square();
+        if chi_square <= LIMIT_1 {
+            continue;
+        }
+        let (missing, sigma) = test.single();
+        found.warnings.push(Warning {
+            kind: if k == 0 { WarningKind::NotRightAngled } else { WarningKind::OppositeEdges },
+            laser: None,
+            // The residual is minus what the unknown has to make good.
+            found: -missing * length_mm,
+            sigma: sigma * length_mm,
+            chi_square,
+            limit: LIMIT_1,
+        });
+    }
+    Some(())
+}

@@ -1,0 +1,161 @@
+//! What moves a measured face beside noise (GUM: type B), and by how much: calibration, drift of the lasers, blur of edges.
+//! Every cause is scaled to one standard deviation and independent of the others; its effect on each residual gives its
+//! effect on the fit (implicit function: `d unknowns = -inverse(normal) sum(weight * derivative * d residual)`).
+
+use super::refine::{FittedRectangle, OFFSETS, Params, Problem, SHAPE, Source, UNKNOWNS, turn_rad};
+use super::sharp_edge::Correction;
+use crate::calib::uncertainty::CalibrationStep;
+use crate::calibration::{Calibration, CalibrationCovariance};
+use crate::measurement::{SHARED_CAUSES, SideUncertainty};
+use crate::units::{AngleEstimate, LaserId};
+use nalgebra::{DMatrix, Matrix2, SMatrix, SVector, Vector3};
+
+/// Parameters of a calibration.
+const CALIBRATION: usize = 18;
+/// First of the tilts of the four lasers.
+pub(super) const TILTS: usize = CALIBRATION;
+/// First of the causes that each frame has for itself: a shift and a turn of each side.
+const EDGES: usize = TILTS + 4;
+/// All causes.
+pub(super) const CAUSES: usize = EDGES + 8;
+/// Blur and demosaicing move edges of unequal brightness, px, 1 sigma; and as much at a side's ends, since what lies
+/// behind it changes along it.
+const EDGE_SYSTEMATIC_PX: f64 = 0.2;
+
+/// Effect of one sigma of every cause on every residual, px; one row per [`super::refine::Row`].
+pub(super) struct Causes {
+    pub on_residuals_px: DMatrix<f64>,
+    /// ... and on the unknowns.
+    pub on_unknowns: SMatrix<f64, UNKNOWNS, CAUSES>,
+}
+
+/// Works out all causes at a fit.
+pub(super) fn causes(problem: &Problem, fit: &FittedRectangle, tilts_rad: [f64; 4]) -> Option<Causes> {
+    let calibration = problem.calibration;
+    let root = calibration.covariance().map(root_of);
+    let cameras = [0, 1, 2, 3, 4, 5].map(|i| {
+        let mut step = CalibrationStep::zeros();
+        step[i] = if i < 4 { 0.01 } else { 1e-4 };
+        let moved = calibration.stepped(&step);
+        let raster = problem.raster_in(&moved, &fit.params);
+        raster.map(|raster| (moved, raster, step[i]))
+    });
+    let cameras: Vec<_> = cameras.into_iter().collect::<Option<_>>()?;
+    let turned: [Vector3<f64>; 4] = LaserId::ALL.map(|id| {
+        let angle_rad = 1e-4;
+        let p = calibration.with_turned_laser(id, angle_rad).laser(id).per_mm;
+        (p - calibration.laser(id).per_mm) / angle_rad * tilts_rad[id.index()]
+    });
+    let half_mm = half_sides_mm(&fit.offsets_mm);
+    let mut on_residuals_px = DMatrix::zeros(fit.rows.len(), CAUSES);
+    let mut pull = SMatrix::<f64, UNKNOWNS, CAUSES>::zeros();
+    for (i, row) in fit.rows.iter().enumerate() {
+        let mut by_calibration = SVector::<f64, CALIBRATION>::zeros();
+        let mut effect = SVector::<f64, CAUSES>::zeros();
+        match row.source {
+            Source::Stripe(laser) => {
+                // The residual is (q - p) . x times a factor, whose derivative by the plane q is x times the factor.
+                let by_plane: Vector3<f64> = row.derivative_px.fixed_rows::<3>(0).into();
+                by_calibration.fixed_rows_mut::<3>(6 + 3 * laser).copy_from(&-by_plane);
+                effect[TILTS + laser] = -by_plane.dot(&turned[laser]);
+                let line = fit.raster.plane.per_mm - calibration.lasers()[laser].per_mm;
+                // The third component of x is 1.
+                let factor = by_plane.z;
+                let x = calibration.camera().ray_from_px(row.at).xy1;
+                for (k, (moved, _, step)) in cameras.iter().enumerate() {
+                    by_calibration[k] =
+                        line.dot(&(moved.camera().ray_from_px(row.at).xy1 - x)) * factor / step;
+                }
+            }
+            Source::Edge(side) => {
+                for (k, (moved, raster, step)) in cameras.iter().enumerate() {
+                    let beside_mm = problem.beside_mm(moved, raster, &fit.params, side, row.at)?;
+                    by_calibration[k] = (beside_mm / row.mm_per_px - row.px) / step;
+                }
+                effect[EDGES + side] = EDGE_SYSTEMATIC_PX;
+                effect[EDGES + 4 + side] = EDGE_SYSTEMATIC_PX * row.along_mm / half_mm[side];
+            }
+        }
+        if let Some(root) = &root {
+            effect.fixed_rows_mut::<CALIBRATION>(0).copy_from(&(root.transpose() * by_calibration));
+        }
+        pull += row.derivative_px * effect.transpose() * row.weight;
+        on_residuals_px.row_mut(i).copy_from(&effect.transpose());
+    }
+    Some(Causes { on_residuals_px, on_unknowns: -fit.covariance * pull })
+}
+
+/// Half the length of each side, mm.
+fn half_sides_mm([a0, a1, b0, b1]: &[f64; 4]) -> [f64; 4] {
+    let (a, b) = (0.5 * (a1 - a0).abs().max(1.0), 0.5 * (b1 - b0).abs().max(1.0));
+    [b, b, a, a]
+}
+
+/// A square root S of a covariance, `S S^T = C`, also where some parameters have none.
+fn root_of(covariance: &CalibrationCovariance) -> CalibrationCovariance {
+    // In units of the sigmas, since the parameters have sizes from 1e-7 to 1.
+    let sigmas = covariance.diagonal().map(|v| v.max(0.0).sqrt());
+    let units = sigmas.map(|s| if s > 0.0 { 1.0 / s } else { 0.0 });
+    let even = CalibrationCovariance::from_diagonal(&units)
+        * covariance
+        * CalibrationCovariance::from_diagonal(&units);
+    let eigen = even.symmetric_eigen();
+    let roots = eigen.eigenvalues.map(|v| v.max(0.0).sqrt());
+    CalibrationCovariance::from_diagonal(&sigmas)
+        * eigen.eigenvectors
+        * CalibrationCovariance::from_diagonal(&roots)
+}
+
+/// How both lengths of the face vary: across the first two sides and across the others.
+pub(super) fn of_sides(
+    fit: &FittedRectangle,
+    causes: &Causes,
+    corrections: &[Correction; 4],
+) -> SideUncertainty {
+    let mut pick = SMatrix::<f64, 2, UNKNOWNS>::zeros();
+    for i in 0..2 {
+        pick[(i, OFFSETS + 2 * i)] = -1.0;
+        pick[(i, OFFSETS + 2 * i + 1)] = 1.0;
+    }
+    let by_cause = pick * causes.on_unknowns;
+    let by_edges: SMatrix<f64, 2, 8> = by_cause.fixed_columns::<8>(EDGES).into();
+    let mut own_mm2: Matrix2<f64> =
+        pick * fit.covariance * pick.transpose() + by_edges * by_edges.transpose();
+    let mut shared_mm = SMatrix::<f64, 2, SHARED_CAUSES>::zeros();
+    shared_mm.fixed_columns_mut::<EDGES>(0).copy_from(&by_cause.fixed_columns::<EDGES>(0));
+    for (side, correction) in corrections.iter().enumerate() {
+        let by_radius_mm = correction.by_radius_mm;
+        own_mm2[(side / 2, side / 2)] += (correction.sigma_mm.powi(2) - by_radius_mm.powi(2)).max(0.0);
+        // One box, one kind of edge: the radius is the same all round.
+        shared_mm[(side / 2, EDGES)] += by_radius_mm;
+    }
+    SideUncertainty { own_mm2, shared_mm }
+}
+
+/// The four angles between neighbouring sides in the order of the raster's corners (low a low b, high a low b, high a
+/// high b, low a high b).
+pub(super) fn corner_angles(fit: &FittedRectangle, causes: &Causes) -> [AngleEstimate; 4] {
+    [(0, 2, 1.0), (1, 2, -1.0), (1, 3, 1.0), (0, 3, -1.0)].map(|(a, b, sign)| {
+        let value_rad = sign * (turn_rad(&fit.params, a) - turn_rad(&fit.params, b));
+        let by_unknowns = Params::from_fn(|i, _| {
+            let turn = |side: usize| i.checked_sub(SHAPE).map_or(0.0, |k| super::refine::TURNS[side][k]);
+            sign * (turn(a) - turn(b))
+        });
+        let noise = (by_unknowns.transpose() * fit.covariance * by_unknowns)[0];
+        let sigma_rad = (noise + (by_unknowns.transpose() * causes.on_unknowns).norm_squared()).sqrt();
+        AngleEstimate { value_rad: std::f64::consts::FRAC_PI_2 + value_rad, sigma_rad }
+    })
+}
+
+/// The lasers' tilts that sigma must allow for, rad: the stated drift, or more where this face shows that one has moved.
+pub(super) fn tilts_rad(drift_rad: f64, seen_rad: Option<f64>) -> [f64; 4] {
+    [seen_rad.map_or(drift_rad, |seen| drift_rad.max(seen.abs())); 4]
+}
+
+impl Calibration {
+    /// The same head with its parameters moved, without covariance.
+    fn stepped(&self, step: &CalibrationStep) -> Self {
+        let (camera, lasers) = crate::calib::uncertainty::moved(self.camera(), self.lasers(), step);
+        self.with_parameters(camera, lasers)
+    }
+}

@@ -1,0 +1,256 @@
+//! Are the sigmas true? Thousands of drawn boxes, measured, against what they were: how often the 95 % interval holds the
+//! truth, the mean of (error / sigma)^2, the share within 1 mm, by the size of the side; and how often each check speaks.
+
+use super::truth::{Conditions, PointBox};
+use crate::error::Error;
+use crate::rng::Rng;
+use boxline::points::{measure_box_of, measure_points};
+use boxline::{BoxMeasurement, Calibration, Estimate, FaceMeasurement, Outcome, Settings, WarningKind};
+use serde_json::{Value, json};
+use std::fmt;
+
+/// Bounds of the size classes, mm.
+pub const CLASSES_MM: [f64; 6] = [100.0, 200.0, 400.0, 800.0, 1300.0, 1800.0];
+
+/// Errors of one class of sides (or of the volumes).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Tally {
+    /// Values that were compared.
+    pub count: usize,
+    /// ... whose interval holds the truth.
+    pub covered: usize,
+    /// ... that are within 1 mm (sides only).
+    pub within_1_mm: usize,
+    /// ... that are off by more than 5 sigma although nothing was noticed.
+    pub beyond_5_sigma: usize,
+    sum_z2: f64,
+    sum_error2: f64,
+    sum_sigma2: f64,
+    sum_z: f64,
+}
+
+impl Tally {
+    fn add(&mut self, error: f64, sigma: f64, interval: [f64; 2], truth: f64, noticed: bool) {
+        let z = error / sigma;
+        self.count += 1;
+        self.covered += usize::from((interval[0]..=interval[1]).contains(&truth));
+        self.within_1_mm += usize::from(error.abs() <= 1.0);
+        self.beyond_5_sigma += usize::from(z.abs() > 5.0 && !noticed);
+        self.sum_z += z;
+        self.sum_z2 += z * z;
+        self.sum_error2 += error * error;
+        self.sum_sigma2 += sigma * sigma;
+    }
+
+    fn side(&mut self, side: Estimate, truth_mm: f64, noticed: bool) {
+        self.add(side.value_mm - truth_mm, side.sigma_mm, side.interval_95_mm(), truth_mm, noticed);
+    }
+
+    fn mean(&self, sum: f64) -> f64 {
+        sum / self.count.max(1) as f64
+    }
+
+    /// Share of intervals that hold the truth, 0 to 1.
+    #[must_use]
+    pub fn coverage(&self) -> f64 {
+        self.mean(self.covered as f64)
+    }
+
+    /// Mean of (error / sigma)^2.
+    #[must_use]
+    pub fn mean_z2(&self) -> f64 {
+        self.mean(self.sum_z2)
+    }
+
+    /// Mean of error / sigma.
+    #[must_use]
+    pub fn mean_z(&self) -> f64 {
+        self.mean(self.sum_z)
+    }
+
+    /// Share within 1 mm, 0 to 1.
+    #[must_use]
+    pub fn share_within_1_mm(&self) -> f64 {
+        self.mean(self.within_1_mm as f64)
+    }
+
+    fn json(&self) -> Value {
+        json!({
+            "count": self.count, "coverage_95": self.coverage(), "mean_z2": self.mean_z2(), "mean_z": self.mean_z(),
+            "rms_error": self.mean(self.sum_error2).sqrt(), "rms_sigma": self.mean(self.sum_sigma2).sqrt(),
+            "within_1_mm": self.share_within_1_mm(), "beyond_5_sigma": self.beyond_5_sigma,
+        })
+    }
+}
+
+/// What a run found.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Coverage {
+    /// Boxes drawn.
+    pub boxes: usize,
+    /// Boxes without a result: no rectangle, or sides that disagree.
+    pub refused: usize,
+    /// Boxes with two candidates, of which the right one was taken.
+    pub ambiguous: usize,
+    /// Sides of boxes by [`CLASSES_MM`].
+    pub classes: [Tally; 5],
+    /// All sides of boxes.
+    pub sides: Tally,
+    /// Lengths and widths of single faces.
+    pub face_sides: Tally,
+    /// Volumes, relative to the truth in thousandths.
+    pub volumes: Tally,
+    /// Faces that were measured ...
+    pub faces: usize,
+    /// ... and for how many each of [`WarningKind::ALL`] was told (the last one counts boxes).
+    pub warned: [usize; 5],
+    /// Faces whose moved laser was named, and named rightly.
+    pub named: [usize; 2],
+}
+
+impl Coverage {
+    /// Draws and measures so many boxes; `progress` is called after each.
+    ///
+    /// # Errors
+    /// If the calibration has no covariance.
+    pub fn run(
+        calibration: &Calibration,
+        conditions: &Conditions,
+        settings: &Settings,
+        seed: u64,
+        boxes: usize,
+        mut progress: impl FnMut(),
+    ) -> Result<Self, Error> {
+        let mut found = Self { boxes, ..Self::default() };
+        for index in 0..boxes {
+            let mut rng = Rng::new(seed.wrapping_add(index as u64), 0xB0C5);
+            let drawn = PointBox::random(&mut rng, calibration, conditions)?;
+            found.measure(&drawn, calibration, settings);
+            progress();
+        }
+        Ok(found)
+    }
+
+    fn measure(&mut self, drawn: &PointBox, calibration: &Calibration, settings: &Settings) {
+        let faces = [0, 1]
+            .map(|i| measure_points(calibration, &drawn.faces[i].stripes, &drawn.faces[i].sides, settings));
+        for face in faces.iter().flatten() {
+            self.face(face, drawn);
+        }
+        let [Some(a), Some(b)] = &faces else {
+            self.refused += 1;
+            return;
+        };
+        let (outcome, warnings) = measure_box_of(a, b);
+        self.warned[4] += warnings.len();
+        let noticed = !(warnings.is_empty() && a.warnings.is_empty() && b.warnings.is_empty());
+        let measured = match outcome {
+            Outcome::Measured(measured) => measured,
+            Outcome::Ambiguous(both) => {
+                self.ambiguous += 1;
+                both.into_iter()
+                    .min_by(|x, y| off_mm(x, drawn).total_cmp(&off_mm(y, drawn)))
+                    .unwrap_or(both[0])
+            }
+            Outcome::Rejected(_) => {
+                self.refused += 1;
+                return;
+            }
+        };
+        for (side, truth_mm) in sides(&measured).into_iter().zip(drawn.size_mm) {
+            let class = CLASSES_MM.iter().skip(1).position(|c| truth_mm <= *c).unwrap_or(4);
+            self.classes[class].side(side, truth_mm, noticed);
+            self.sides.side(side, truth_mm, noticed);
+        }
+        let truth_m3 = drawn.size_mm.iter().product::<f64>() * 1e-9;
+        let volume = measured.volume;
+        self.volumes.add(
+            1e3 * (volume.value_m3 / truth_m3 - 1.0),
+            1e3 * volume.sigma_m3 / truth_m3,
+            volume.interval_95_m3(),
+            truth_m3,
+            noticed,
+        );
+    }
+
+    fn face(&mut self, face: &FaceMeasurement, drawn: &PointBox) {
+        self.faces += 1;
+        for (kind, count) in WarningKind::ALL.iter().zip(&mut self.warned) {
+            *count += usize::from(face.warnings.iter().any(|w| w.kind == *kind));
+        }
+        let named = face.warnings.iter().find(|w| w.kind == WarningKind::LaserMoved).and_then(|w| w.laser);
+        if let Some(laser) = named {
+            self.named[0] += 1;
+            self.named[1] += usize::from(laser == drawn.tilted);
+        }
+        for side in [face.length, face.width] {
+            let near = |t: &f64| (t - side.value_mm).abs();
+            let truth_mm = drawn.size_mm.into_iter().min_by(|x, y| near(x).total_cmp(&near(y)));
+            self.face_sides.side(side, truth_mm.unwrap_or(0.0), !face.warnings.is_empty());
+        }
+    }
+
+    /// The run as one object.
+    #[must_use]
+    pub fn json(&self) -> Value {
+        let classes: Vec<Value> = self
+            .classes
+            .iter()
+            .zip(CLASSES_MM.windows(2))
+            .map(|(tally, bounds)| json!({"from_mm": bounds[0], "to_mm": bounds[1], "sides": tally.json()}))
+            .collect();
+        let warned: serde_json::Map<_, _> =
+            WarningKind::ALL.iter().zip(self.warned).map(|(k, n)| (k.name().to_owned(), json!(n))).collect();
+        json!({
+            "boxes": self.boxes, "refused": self.refused, "ambiguous": self.ambiguous, "classes": classes,
+            "sides": self.sides.json(), "face_sides": self.face_sides.json(), "volumes_permille": self.volumes.json(),
+            "faces": self.faces, "warned": warned,
+            "laser_named": self.named[0], "laser_named_rightly": self.named[1],
+        })
+    }
+}
+
+fn sides(measured: &BoxMeasurement) -> [Estimate; 3] {
+    [measured.length, measured.width, measured.height]
+}
+
+fn off_mm(measured: &BoxMeasurement, drawn: &PointBox) -> f64 {
+    sides(measured).iter().zip(drawn.size_mm).map(|(s, t)| (s.value_mm - t).abs()).sum()
+}
+
+impl fmt::Display for Coverage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "{} boxes, {} refused, {} ambiguous\n\n\
+             sides mm      count  in 95 %  mean z^2  mean z  rms error  rms sigma  within 1 mm  > 5 sigma",
+            self.boxes, self.refused, self.ambiguous
+        )?;
+        let mut line = |name: &str, t: &Tally| {
+            writeln!(
+                f,
+                "{name:<12} {:>6} {:>8.1} % {:>8.2} {:>7.2} {:>10.3} {:>10.3} {:>10.1} % {:>10}",
+                t.count,
+                t.coverage() * 100.0,
+                t.mean_z2(),
+                t.mean_z(),
+                t.mean(t.sum_error2).sqrt(),
+                t.mean(t.sum_sigma2).sqrt(),
+                t.share_within_1_mm() * 100.0,
+                t.beyond_5_sigma
+            )
+        };
+        for (tally, bounds) in self.classes.iter().zip(CLASSES_MM.windows(2)) {
+            line(&format!("{}-{}", bounds[0], bounds[1]), tally)?;
+        }
+        line("all", &self.sides)?;
+        line("of one face", &self.face_sides)?;
+        line("volume, 1e-3", &self.volumes)?;
+        writeln!(f, "\ntold of {} faces (sides_differ: of boxes)", self.faces)?;
+        for (kind, count) in WarningKind::ALL.iter().zip(self.warned) {
+            let of = if *kind == WarningKind::SidesDiffer { self.boxes } else { self.faces };
+            writeln!(f, "{:<18} {count:>6} {:>7.2} %", kind.name(), 100.0 * count as f64 / of.max(1) as f64)?;
+        }
+        write!(f, "a laser was named {} times, rightly {}", self.named[0], self.named[1])
+    }
+}

@@ -1,0 +1,145 @@
+//! What is drawn: a head that is not quite what its calibration says, a box, and two views of adjacent faces.
+
+use super::face::{Surface, see_face};
+use crate::error::Error;
+use crate::head::Head;
+use crate::pose::{FacePose, place_face, random_orientation};
+use crate::rng::Rng;
+use boxline::points::{SeenPoint, SeenSide};
+use boxline::{Calibration, CameraModel, LaserId};
+use nalgebra::{DMatrix, DVector, Rotation3, Unit, Vector3};
+
+/// What the drawn boxes have in common.
+#[derive(Clone, Copy, Debug)]
+pub struct Conditions {
+    /// Every laser has turned by a normal draw with this sigma since the calibration, rad.
+    pub drift_rad: f64,
+    /// One laser, drawn, has turned by this as well, rad.
+    pub tilt_rad: f64,
+    /// The middle of each face lies this much nearer than its edges, mm.
+    pub bulge_mm: f64,
+    /// Each face is skewed by this angle, rad.
+    pub skew_rad: f64,
+}
+
+/// What one frame shows.
+#[derive(Clone, Debug)]
+pub struct PointFace {
+    /// Points of the four stripes, along each.
+    pub stripes: [Vec<SeenPoint>; 4],
+    /// The four sides.
+    pub sides: [SeenSide; 4],
+}
+
+/// A box, seen twice.
+#[derive(Clone, Debug)]
+pub struct PointBox {
+    /// The sharp box, longest side first, mm.
+    pub size_mm: [f64; 3],
+    /// Two frames.
+    pub faces: [PointFace; 2],
+    /// Which laser has the extra tilt.
+    pub tilted: LaserId,
+}
+
+/// Sides of boxes, mm: every scale alike.
+const SIDES_MM: (f64, f64) = (100.0, 1800.0);
+/// Radius of cardboard edges, mm, every scale alike.
+const RADIUS_MM: (f64, f64) = (0.5, 4.0);
+/// Farthest from looking straight at a face, degrees.
+const MOST_DEG: f64 = 35.0;
+
+impl PointBox {
+    /// Draws a box before a head whose calibration is known with its covariance.
+    ///
+    /// # Errors
+    /// If the calibration has no covariance or one that is none.
+    pub fn random(rng: &mut Rng, known: &Calibration, conditions: &Conditions) -> Result<Self, Error> {
+        loop {
+            let (head, tilted) = true_head(rng, known, conditions)?;
+            let size = [0; 3].map(|_| rng.log_range(SIDES_MM.0, SIDES_MM.1));
+            let radius_mm = rng.log_range(RADIUS_MM.0, RADIUS_MM.1);
+            let surface = Surface { radius_mm, bulge_mm: conditions.bulge_mm, skew_rad: conditions.skew_rad };
+            // Two faces that share the first side.
+            let poses = [[size[0], size[1]], [size[0], size[2]]].map(|face| stand(rng, &head, face));
+            let [Some(a), Some(b)] = poses else { continue };
+            let seen = [a, b].map(|pose| see_face(rng, &head, &pose, &surface));
+            let [Some(a), Some(b)] = seen else { continue };
+            let mut size_mm = size;
+            size_mm.sort_by(|x, y| y.total_cmp(x));
+            return Ok(Self { size_mm, faces: [a, b], tilted });
+        }
+    }
+}
+
+/// A place from which the face can be measured, if a few tries find one.
+fn stand(rng: &mut Rng, head: &Head, size_mm: [f64; 2]) -> Option<FacePose> {
+    (0..4).find_map(|_| {
+        let orientation = random_orientation(rng, true, MOST_DEG);
+        place_face(rng, head, size_mm, orientation)
+    })
+}
+
+/// The head as it is: off its calibration by a draw of the covariance, its lasers turned since.
+fn true_head(rng: &mut Rng, known: &Calibration, conditions: &Conditions) -> Result<(Head, LaserId), Error> {
+    let covariance = known
+        .covariance()
+        .ok_or_else(|| Error::new("calibration", "has no covariance; `boxline calibrate` writes one"))?;
+    let off = draw(rng, &DMatrix::from_fn(18, 18, |i, j| covariance[(i, j)]))
+        .ok_or_else(|| Error::new("calibration", "the covariance is not positive"))?;
+    let c = known.camera();
+    let camera = CameraModel {
+        fx: c.fx + off[0],
+        fy: c.fy + off[1],
+        cx: c.cx + off[2],
+        cy: c.cy + off[3],
+        k1: c.k1 + off[4],
+        k2: c.k2 + off[5],
+        skew: c.skew,
+    };
+    let tilted = LaserId::ALL[rng.below(4)];
+    let extra_rad = conditions.tilt_rad * rng.sign();
+    let planes = LaserId::ALL.map(|id| {
+        let k = 6 + 3 * id.index();
+        let plane = known.laser(id).per_mm + Vector3::new(off[k], off[k + 1], off[k + 2]);
+        let extra_rad = if id == tilted { extra_rad } else { 0.0 };
+        turned(plane, conditions.drift_rad * rng.normal() + extra_rad)
+    });
+    Ok((Head::of(known.serial(), camera, planes)?, tilted))
+}
+
+/// A laser that turns in its mount: about its exit on the camera's x axis, so that its light moves out of its plane.
+fn turned(plane: Vector3<f64>, angle_rad: f64) -> Vector3<f64> {
+    let exit = Vector3::new(1.0 / plane.x, 0.0, 0.0);
+    let normal = plane.normalize();
+    let beam = (Vector3::z() - normal * normal.z).normalize();
+    let hinge = Unit::new_normalize(normal.cross(&beam));
+    let normal = Rotation3::from_axis_angle(&hinge, angle_rad) * normal;
+    normal / normal.dot(&exit)
+}
+
+/// A normal draw with this covariance.
+fn draw(rng: &mut Rng, covariance: &DMatrix<f64>) -> Option<DVector<f64>> {
+    let sigmas = covariance.diagonal().map(f64::sqrt);
+    let even = DMatrix::from_fn(18, 18, |i, j| covariance[(i, j)] / (sigmas[i] * sigmas[j]));
+    let lower = even.cholesky()?.l();
+    let normal = DVector::from_fn(18, |_, _| rng.normal());
+    Some((lower * normal).component_mul(&sigmas))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_turned_laser_keeps_its_exit_and_turns_by_the_angle() {
+        let plane = Vector3::new(0.0079, -0.0082, 0.0002);
+        let moved = turned(plane, 1e-3);
+        assert!((1.0 / moved.x - 1.0 / plane.x).abs() < 1e-9);
+        assert!((moved.angle(&plane) - 1e-3).abs() < 1e-9);
+        // 1 mrad moves its light by 1 mm in 1 m.
+        let far = Vector3::new(0.0, (1.0 - plane.z * 1000.0) / plane.y, 1000.0);
+        let off_mm = (moved.dot(&far) - 1.0) / moved.norm();
+        assert!((off_mm.abs() - 1.0).abs() < 0.02, "{off_mm}");
+    }
+}
