@@ -72,6 +72,9 @@ mod tests {
             rms_px: 0.3,
             stripe_points_px: Default::default(),
             edge_points_px: Default::default(),
+            uncertainty: Default::default(),
+            corner_angles: None,
+            warnings: Vec::new(),
         }))
     }
 
