@@ -82,6 +82,9 @@ fn estimate(value: f64, sigma: f64) -> Value {
 
 #[test]
 fn a_measured_box_as_json() {
+    let warning_entries = WarningKind::ALL.map(warning_entry);
+    let between = warning_entry(WarningKind::SidesDiffer);
+    let corner_angles = [1.57, 1.58, 1.56, 1.572].map(|value| json!({"value": value, "sigma": 1e-3}));
     let entry = json!({
         "frame": "a", "outcome": "measured",
         "length_mm": estimate(550.5, 0.25), "width_mm": estimate(300.0, 0.1),
@@ -91,8 +94,8 @@ fn a_measured_box_as_json() {
             "3": [[2.0, 10.0], [2.0, 20.0 / 3.0]], "4": [[3.0, 10.0], [3.0, 20.0 / 3.0]],
         },
         "plane": {"normal": [0.0, 0.0, 1.0], "distance_mm": 1000.0}, "rms_px": 0.4, "reject": null,
-        "corner_angles_rad": [1.57, 1.58, 1.56, 1.572].map(|value| json!({"value": value, "sigma": 1e-3})),
-        "warnings": WarningKind::ALL.map(warning_entry),
+        "corner_angles_rad": corner_angles,
+        "warnings": warning_entries,
     });
     let reject = json!({"reason": "rectangle_open", "sides_found": 3.0,
                         "text": "only 3 of 4 sides of the face were found"});
@@ -107,7 +110,7 @@ fn a_measured_box_as_json() {
         "length_mm": estimate(550.5, 0.25), "width_mm": estimate(350.5, 0.2),
         "height_mm": estimate(300.0, 0.1), "volume_m3": estimate(0.0579, 0.0001),
         "candidates": [], "reject": null, "faces": [entry, rejected],
-        "warnings": [warning_entry(WarningKind::SidesDiffer)],
+        "warnings": [between],
     });
     assert_eq!(report_json(&measured, ["a", "b"]), expected);
     assert!(
