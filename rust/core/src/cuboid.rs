@@ -225,8 +225,7 @@ mod tests {
 
     #[test]
     fn what_both_faces_share_does_not_average_out() {
-        let mut shared = SideUncertainty::default();
-        shared.own_mm2 = Matrix2::identity() * 0.04;
+        let shared = SideUncertainty { own_mm2: Matrix2::identity() * 0.04, ..SideUncertainty::default() };
         // One cause that scales everything by a thousandth.
         let scaled = |length: f64, width: f64| {
             let mut uncertainty = shared;

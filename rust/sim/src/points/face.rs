@@ -140,7 +140,7 @@ fn see_side(
     noise: &Noise,
 ) -> Option<SeenSide> {
     let axis = side / 2;
-    let sign = if side % 2 == 0 { -1.0 } else { 1.0 };
+    let sign = if side.is_multiple_of(2) { -1.0 } else { 1.0 };
     let out: Vector3<f64> = pose.cam_from_face.column(axis) * sign;
     let inwards: Vector3<f64> = pose.cam_from_face.column(2).into();
     let half_along = pose.half[1 - axis];
