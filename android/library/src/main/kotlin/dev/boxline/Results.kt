@@ -138,6 +138,6 @@ public class Record internal constructor(private val bytes: ByteArray) {
     /** The bytes of a `boxline.v1.BoxReport` (proto/boxline.proto). */
     public fun toProtobuf(): ByteArray = bytes.clone()
 
-    /** The JSON that `boxline measure --json` prints for the same pictures. */
+    /** The JSON that `boxline measure --json` prints for the same pictures, without its hints on how to move. */
     public fun toJson(): String = dev.boxline.internal.Native.reportJsonText(bytes)
 }

@@ -22,7 +22,9 @@ class MeasureTest {
             println("ROW ${BoxMeter.version()} | ${size.length.value.value} | ${size.width.value.value} | ${size.height.value.value}")
             assertTrue(json, json.contains("${size.length.value.value}"))
             assertTrue(size.length.value >= size.width.value && size.width.value >= size.height.value)
-            System.getProperty("boxline.json")?.let { assertEquals(File(it).readText().trim(), json) }
+            // The command line adds how to move, which a report does not carry.
+            val printed = System.getProperty("boxline.json")?.let { File(it).readText().trim().replace(",\"hint\":null", "") }
+            printed?.let { assertEquals(it, json) }
         }
     }
 
