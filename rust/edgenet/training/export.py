@@ -108,7 +108,7 @@ def card(path: Path, state: dict, validation: dict | None, difference: float) ->
         f"- Data: {data}; {state['distinct']} distinct frames, seeds {options['seed']} to {state['next_seed'] - 1}",
         f"- Training: {state['step']} steps, {state['images']} image visits, {state['total_s'] / 3600:.2f} h, sitting {state['sitting']}, peak learning rate {options['lr']}",
         f"- Largest difference between this file in ONNX Runtime and torch on one frame: {difference:.2e}",
-        f"- Licence: to be settled before publishing (textures used in training)",
+        "- Licence: Apache-2.0, as the repository. The photographs that textured training frames have licences of their own (photos.sh); none is in this file.",
         "- Not shown by these numbers: anything about real photographs.",
         "",
     ]
