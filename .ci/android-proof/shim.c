@@ -43,6 +43,8 @@ int bionic_strerror_r(int code, char *text, size_t bytes) {
 
 int bionic___android_log_write(int level, const char *tag, const char *text) { return fprintf(stderr, "log %d %s: %s\n", level, tag, text); }
 
+int bionic___android_log_buf_write(int buffer, int level, const char *tag, const char *text) { (void)buffer; return bionic___android_log_write(level, tag, text); }
+
 int bionic___android_log_print(int level, const char *tag, const char *format, ...) {
   va_list values;
   va_start(values, format);
