@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// The modules of `rust/core/src`, lowest first. A new module gets its line here.
-const MODULES: [&str; 23] = [
+const MODULES: [&str; 24] = [
     "units",
     "error",
     "frames",
@@ -17,6 +17,7 @@ const MODULES: [&str; 23] = [
     "measurement",
     "camera",
     "calibration",
+    "paper_head",
     "face_lines",
     "drift",
     "feasibility",

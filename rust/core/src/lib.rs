@@ -21,6 +21,8 @@ pub mod frames;
 pub mod image;
 pub mod measurement;
 pub mod network;
+#[cfg(test)]
+mod paper_head;
 pub mod pipeline;
 #[doc(hidden)]
 pub mod points;

@@ -118,35 +118,15 @@ mod tests {
     use super::map::edge_pixels;
     use super::subpixel::GradientDetector;
     use super::*;
-    use crate::camera::CameraModel;
     use crate::face::outline::{SIDES, span_mm};
     use crate::face::raster::{OnPlane, PlaneRaster};
     use crate::frames::Plane;
+    use crate::paper_head::paper_head;
     use nalgebra::Vector3;
     use proptest::prelude::*;
 
     const WIDTH: usize = 648;
     const HEIGHT: usize = 486;
-
-    /// The paper's head with a quarter of its pixels.
-    fn small_head() -> Calibration {
-        let camera = CameraModel {
-            fx: 614.7,
-            fy: 613.5,
-            skew: 0.0,
-            cx: 309.5,
-            cy: 257.8,
-            k1: -0.03415937,
-            k2: 0.321070446,
-        };
-        let lasers = [
-            [0.0079291, -0.00817394, 0.00018065, -1.0],
-            [0.01078476, -0.01121147, 0.00223845, -1.0],
-            [0.01037354, 0.00959161, 0.00170705, -1.0],
-            [0.00799885, 0.00730513, -0.00038506, -1.0],
-        ];
-        Calibration::new("test", [WIDTH as u32, HEIGHT as u32], camera, lasers).expect("a valid head")
-    }
 
     /// A tilted plane 0.6 m away, rolled by about 45 degrees, with a rectangle on it.
     fn rectangle(calibration: &Calibration) -> RoughRectangle {
@@ -183,7 +163,7 @@ mod tests {
 
     #[test]
     fn both_detectors_find_known_sides_to_a_fifth_of_a_pixel() {
-        let calibration = small_head();
+        let calibration = paper_head(0.25);
         let truth = rectangle(&calibration);
         let frame = picture(&calibration, &truth, 180, 90);
         let mut rough = truth.clone();
@@ -208,7 +188,7 @@ mod tests {
 
     #[test]
     fn no_point_lies_where_laser_light_disturbs() {
-        let calibration = small_head();
+        let calibration = paper_head(0.25);
         let truth = rectangle(&calibration);
         let frame = picture(&calibration, &truth, 180, 90);
         let middle = |side: usize| {
@@ -228,7 +208,7 @@ mod tests {
 
     #[test]
     fn a_black_frame_has_no_edges() {
-        let calibration = small_head();
+        let calibration = paper_head(0.25);
         let rough = rectangle(&calibration);
         let frame = Frame::from_rgb(WIDTH, HEIGHT, vec![0; WIDTH * HEIGHT * 3]).expect("the size fits");
         assert!(edge_pixels(&frame).is_empty());
@@ -250,7 +230,7 @@ mod tests {
                 })
                 .collect();
             let frame = Frame::from_rgb(width, height, rgb).expect("the size fits");
-            let calibration = small_head(); // of another size: the frame ends where sides are looked for
+            let calibration = paper_head(0.25); // of another size: the frame ends where sides are looked for
             let rough = rectangle(&calibration);
             for pixel in edge_pixels(&frame) {
                 prop_assert!(pixel.at.u > 0.0 && pixel.at.u < width as f64);

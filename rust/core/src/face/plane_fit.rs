@@ -94,28 +94,9 @@ pub(crate) fn fit_plane(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::camera::CameraModel;
     use crate::frames::Ray;
+    use crate::paper_head::paper_head;
     use proptest::prelude::*;
-
-    fn head() -> Calibration {
-        let camera = CameraModel {
-            fx: 2458.9172,
-            fy: 2453.81,
-            skew: 0.0,
-            cx: 1239.5188,
-            cy: 1032.559,
-            k1: -0.03415937,
-            k2: 0.321070446,
-        };
-        let lasers = [
-            [0.0079291, -0.00817394, 0.00018065, -1.0],
-            [0.01078476, -0.01121147, 0.00223845, -1.0],
-            [0.01037354, 0.00959161, 0.00170705, -1.0],
-            [0.00799885, 0.00730513, -0.00038506, -1.0],
-        ];
-        Calibration::new("test", [2592, 1944], camera, lasers).expect("the paper's head")
-    }
 
     /// Normal noise of sigma 1 from a seed (Box and Muller); a test must not depend on luck.
     struct Noise(u64);
@@ -179,7 +160,7 @@ mod tests {
     proptest! {
         #[test]
         fn noiseless_stripes_give_their_plane(truth in planes(), tilt in -0.05..0.05f64) {
-            let calibration = head();
+            let calibration = paper_head(1.0);
             let observations = stripes(&calibration, &truth, 0.0, &mut Noise(1));
             let start = Plane::new(truth.per_mm + Vector3::new(tilt, -tilt, 0.02) * truth.per_mm.z);
             let fit = fit_plane(&calibration, &observations, &start).expect("four stripes fix a plane");
@@ -191,7 +172,7 @@ mod tests {
         fn noisy_stripes_give_the_plane_as_well_as_their_noise_allows(
             truth in planes(), sigma_px in 0.05..1.0, seed in 1..1000u64
         ) {
-            let calibration = head();
+            let calibration = paper_head(1.0);
             let observations = stripes(&calibration, &truth, sigma_px, &mut Noise(seed));
             let fit = fit_plane(&calibration, &observations, &truth).expect("four stripes fix a plane");
             let error = depth_error_mm(&fit.plane, &truth);
@@ -204,7 +185,7 @@ mod tests {
 
         #[test]
         fn three_in_ten_wrong_centres_do_not_matter(truth in planes(), seed in 1..1000u64) {
-            let calibration = head();
+            let calibration = paper_head(1.0);
             let mut noise = Noise(seed);
             let mut observations = stripes(&calibration, &truth, 0.3, &mut noise);
             for o in &mut observations {
@@ -224,7 +205,7 @@ mod tests {
         fn any_centres_give_a_finite_plane_or_none(
             places in prop::collection::vec((1..=4u8, -1e4..1e4, -1e4..1e4), 0..40)
         ) {
-            let calibration = head();
+            let calibration = paper_head(1.0);
             let observations: Vec<StripeObservation> = places
                 .into_iter()
                 .map(|(n, u, v)| StripeObservation {
@@ -242,7 +223,7 @@ mod tests {
 
     #[test]
     fn centres_that_fix_no_plane_give_none() {
-        let calibration = head();
+        let calibration = paper_head(1.0);
         let truth = Plane::new(Vector3::new(0.1, 0.2, 1.0) / 1000.0);
         let all = stripes(&calibration, &truth, 0.0, &mut Noise(1));
         let fit = |o: &[StripeObservation]| fit_plane(&calibration, o, &truth);
@@ -258,7 +239,7 @@ mod tests {
     /// One straight stripe fixes a plane but for its turn about the stripe.
     #[test]
     fn one_stripe_gives_none_or_a_plane_through_it() {
-        let calibration = head();
+        let calibration = paper_head(1.0);
         let truth = Plane::new(Vector3::new(0.1, 0.2, 1.0) / 1000.0);
         let all = stripes(&calibration, &truth, 0.0, &mut Noise(1));
         let one: Vec<StripeObservation> =

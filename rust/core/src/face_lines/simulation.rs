@@ -4,28 +4,13 @@ use super::FaceLines;
 use super::model::FaceState;
 use super::view::{FacePose, USUAL};
 use crate::calibration::Calibration;
-use crate::camera::CameraModel;
+use crate::paper_head::paper_head;
 use crate::units::{LaserId, Px};
 use nalgebra::{Rotation3, Vector3};
 
 /// The paper's head.
 pub(crate) fn head() -> Calibration {
-    let camera = CameraModel {
-        fx: 2458.9172,
-        fy: 2453.81,
-        skew: 0.0,
-        cx: 1239.5188,
-        cy: 1032.559,
-        k1: -0.03415937,
-        k2: 0.321070446,
-    };
-    let lasers = [
-        [0.0079291, -0.00817394, 0.00018065, -1.0],
-        [0.01078476, -0.01121147, 0.00223845, -1.0],
-        [0.01037354, 0.00959161, 0.00170705, -1.0],
-        [0.00799885, 0.00730513, -0.00038506, -1.0],
-    ];
-    Calibration::new("test", [2592, 1944], camera, lasers).expect("the paper's head")
+    paper_head(1.0)
 }
 
 /// xorshift64*: the same on every machine; a test must not depend on luck.

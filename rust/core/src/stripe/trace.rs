@@ -297,31 +297,11 @@ pub(crate) fn measure_half_width_px(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::camera::CameraModel;
+    use crate::paper_head::paper_head;
     use proptest::prelude::*;
 
     const WIDTH: usize = 648;
     const HEIGHT: usize = 486;
-
-    /// The paper's head with a quarter of its pixels.
-    fn small_head() -> Calibration {
-        let camera = CameraModel {
-            fx: 614.7,
-            fy: 613.5,
-            skew: 0.0,
-            cx: 309.5,
-            cy: 257.8,
-            k1: -0.03415937,
-            k2: 0.321070446,
-        };
-        let lasers = [
-            [0.0079291, -0.00817394, 0.00018065, -1.0],
-            [0.01078476, -0.01121147, 0.00223845, -1.0],
-            [0.01037354, 0.00959161, 0.00170705, -1.0],
-            [0.00799885, 0.00730513, -0.00038506, -1.0],
-        ];
-        Calibration::new("test", [WIDTH as u32, HEIGHT as u32], camera, lasers).expect("a valid head")
-    }
 
     /// A grey frame with the stripe of one laser on a plane, dark between two rows.
     fn stripe_frame(
@@ -377,7 +357,7 @@ mod tests {
             laser in 1..=4u8, x in -0.3..0.3, y in -0.3..0.3, depth_mm in 700.0..2000.0, width_px in 1.5..4.0,
             rows in prop::sample::select(vec![1usize, 4, 16])
         ) {
-            let calibration = small_head();
+            let calibration = paper_head(0.25);
             let id = LaserId::new(laser).expect("1 to 4");
             let plane = Plane::new(Vector3::new(x, y, 1.0) / depth_mm);
             let frame = stripe_frame(&calibration, &plane, id, width_px, 0..0);
@@ -398,7 +378,7 @@ mod tests {
 
     #[test]
     fn a_shadow_is_a_gap() {
-        let calibration = small_head();
+        let calibration = paper_head(0.25);
         let plane = Plane::new(Vector3::new(0.1, 0.1, 1.0) / 1000.0);
         for id in LaserId::ALL {
             let frame = stripe_frame(&calibration, &plane, id, 2.5, 200..260);
@@ -417,7 +397,7 @@ mod tests {
 
     #[test]
     fn the_width_of_a_stripe_is_measured() {
-        let calibration = small_head();
+        let calibration = paper_head(0.25);
         let plane = Plane::new(Vector3::new(0.1, 0.1, 1.0) / 1000.0);
         for width_px in [2.5, 4.0, 6.0] {
             let pieces = LaserId::ALL.map(|id| whole(&calibration, &plane, id));
@@ -436,7 +416,7 @@ mod tests {
 
     #[test]
     fn nothing_is_found_where_nothing_is() {
-        let calibration = small_head();
+        let calibration = paper_head(0.25);
         let plane = Plane::new(Vector3::new(0.1, 0.1, 1.0) / 1000.0);
         let frame = Frame::from_rgb(WIDTH, HEIGHT, vec![90; WIDTH * HEIGHT * 3]).expect("the size fits");
         for id in LaserId::ALL {
