@@ -117,18 +117,16 @@ fn profiles(
             }
             let length = p.distance_px(q).max(1e-9);
             let n = (-(q.v - p.v) / length, (q.u - p.u) / length);
-            for (i, s) in sum.iter_mut().enumerate() {
+            for (i, (s, l)) in sum.iter_mut().zip(&mut lin).enumerate() {
                 let t = i as f64 / PER_PX as f64 - REACH_PX as f64;
-                match tone(frame, p.u + n.0 * t, p.v + n.1 * t) {
-                    Some([y, c]) => {
-                        s[0] += y / GROUP as f32;
-                        s[1] += c / GROUP as f32;
-                    }
-                    None => good = false,
-                }
-                if let Some([y, c]) = light(frame, p.u + n.0 * t, p.v + n.1 * t) {
-                    lin[i][0] += y / GROUP as f32;
-                    lin[i][1] += c / GROUP as f32;
+                let (u, v) = (p.u + n.0 * t, p.v + n.1 * t);
+                let (Some(tone), Some(light)) = (tone(frame, u, v), light(frame, u, v)) else {
+                    good = false;
+                    continue;
+                };
+                for channel in 0..2 {
+                    s[channel] += tone[channel] / GROUP as f32;
+                    l[channel] += light[channel] / GROUP as f32;
                 }
             }
             middle = Px::new(middle.u + p.u / GROUP as f64, middle.v + p.v / GROUP as f64);
@@ -260,19 +258,14 @@ fn points_on_line(profiles: &[Profile], window: usize) -> Vec<EdgePoint> {
             Kind::DarkLine => -value[i],
         };
         let Some(top) = (lo..=hi).max_by(|a, b| signal(*a).total_cmp(&signal(*b))) else { continue };
-        let (l, c, r) = (signal(top - 1), signal(top), signal(top + 1));
-        let curvature = l + r - 2.0 * c;
-        if curvature >= 0.0 {
-            continue;
-        }
+        let Some(mut index) = vertex(signal, top) else { continue };
         let height = match kind {
-            Kind::Step => c,
+            Kind::Step => signal(top),
             Kind::DarkLine => 0.5 * (value[top.saturating_sub(6)] + value[(top + 6).min(N - 1)]) - value[top],
         };
         if height < min_step.max(MIN_STEP_SIGMAS * noise) {
             continue;
         }
-        let mut index = top as f64 + f64::from(0.5 * (l - r) / curvature).clamp(-1.0, 1.0);
         if kind == Kind::Step {
             let Some(found) = step_in_light(p, index) else { continue };
             index = found;
@@ -291,7 +284,12 @@ fn step_in_light(p: &Profile, index: f64) -> Option<f64> {
     let lo = (index - NEAR).ceil().max(PER_PX as f64 + 1.0) as usize;
     let hi = ((index + NEAR).floor() as usize).min(N - PER_PX - 2);
     let top = (lo..=hi).max_by(|a, b| g[*a].total_cmp(&g[*b]))?;
-    let (l, c, r) = (g[top - 1], g[top], g[top + 1]);
+    vertex(|i| g[i], top)
+}
+
+/// Place of the parabola's top through the sample `top` and its neighbours, within one sample of it.
+fn vertex(signal: impl Fn(usize) -> f32, top: usize) -> Option<f64> {
+    let (l, c, r) = (signal(top - 1), signal(top), signal(top + 1));
     let curvature = l + r - 2.0 * c;
     (curvature < 0.0).then(|| top as f64 + f64::from(0.5 * (l - r) / curvature).clamp(-1.0, 1.0))
 }
