@@ -1,6 +1,7 @@
 //! The wall between Rust and the JVM: every native function runs inside [`guard`], and every failure leaves as a Java
 //! exception of a type that says whose fault it was.
 
+use crate::handles::NotOpen;
 use boxline::ErrorKind;
 use jni::errors::ErrorPolicy;
 use jni::objects::{JThrowable, JValue};
@@ -25,6 +26,12 @@ pub(crate) enum Failure {
     Cancelled,
     /// A call into the JVM failed; mostly a Java exception is pending then.
     Jni(jni::errors::Error),
+}
+
+impl From<NotOpen> for Failure {
+    fn from(NotOpen(text): NotOpen) -> Self {
+        Self::Handle(text)
+    }
 }
 
 impl From<boxline::Error> for Failure {

@@ -7,6 +7,10 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+/// Which handle is not open, and whether it ever was.
+#[derive(Debug)]
+pub(crate) struct NotOpen(pub String);
+
 /// The open objects of one type.
 pub(crate) struct Handles<T>(Mutex<Table<T>>);
 
@@ -35,19 +39,19 @@ impl<T> Handles<T> {
     }
 
     /// The object of a handle. The error says whether it was closed or never opened.
-    pub fn get(&self, handle: i64) -> Result<Arc<T>, String> {
+    pub fn get(&self, handle: i64) -> Result<Arc<T>, NotOpen> {
         let table = self.table();
         table.open.get(&handle).cloned().ok_or_else(|| {
             let state = if table.knows(handle) { "is closed" } else { "was never opened" };
-            format!("handle {handle} {state}")
+            NotOpen(format!("handle {handle} {state}"))
         })
     }
 
     /// Lets go of an object. A handle that is closed already stays closed: that is no error.
-    pub fn close(&self, handle: i64) -> Result<(), String> {
+    pub fn close(&self, handle: i64) -> Result<(), NotOpen> {
         let mut table = self.table();
         if !table.knows(handle) {
-            return Err(format!("handle {handle} was never opened"));
+            return Err(NotOpen(format!("handle {handle} was never opened")));
         }
         let closed = table.open.remove(&handle);
         drop(table); // the object's own clean-up must not hold up the others
@@ -79,7 +83,7 @@ mod tests {
         let second = handles.open("second");
         assert_eq!(*handles.get(first).unwrap(), "first");
         handles.close(first).unwrap();
-        assert_eq!(handles.get(first).unwrap_err(), "handle 1 is closed");
+        assert_eq!(handles.get(first).unwrap_err().0, "handle 1 is closed");
         handles.close(first).unwrap();
         assert_ne!(handles.open("third"), first, "numbers are not used twice");
         assert_eq!(*handles.get(second).unwrap(), "second");
@@ -90,8 +94,8 @@ mod tests {
         let handles = Handles::new();
         handles.open(());
         for handle in [0, -1, 2, i64::MAX, i64::MIN] {
-            assert_eq!(handles.get(handle).unwrap_err(), format!("handle {handle} was never opened"));
-            assert_eq!(handles.close(handle).unwrap_err(), format!("handle {handle} was never opened"));
+            assert_eq!(handles.get(handle).unwrap_err().0, format!("handle {handle} was never opened"));
+            assert_eq!(handles.close(handle).unwrap_err().0, format!("handle {handle} was never opened"));
         }
         assert_eq!(handles.count(), 1);
     }

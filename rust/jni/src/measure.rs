@@ -12,7 +12,7 @@ pub(crate) static STOPS: Handles<AtomicBool> = Handles::new();
 
 /// The sign of a handle; 0 stands for none.
 pub(crate) fn stop_sign(handle: i64) -> Result<Option<Arc<AtomicBool>>, Failure> {
-    if handle == 0 { Ok(None) } else { STOPS.get(handle).map(Some).map_err(Failure::Handle) }
+    if handle == 0 { Ok(None) } else { Ok(Some(STOPS.get(handle)?)) }
 }
 
 pub(crate) fn measure_box(

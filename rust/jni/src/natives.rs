@@ -131,7 +131,7 @@ pub extern "system" fn close_calibration<'local>(
     _class: JClass<'local>,
     handle: jlong,
 ) {
-    guard(env, |_| CALIBRATIONS.close(handle).map_err(Failure::Handle));
+    guard(env, |_| Ok(CALIBRATIONS.close(handle)?));
 }
 
 /// `static native long newStop()`: a sign that ends calls which were given it.
@@ -144,7 +144,7 @@ pub extern "system" fn new_stop<'local>(env: EnvUnowned<'local>, _class: JClass<
 #[jni_mangle("dev.boxline.internal.Native")]
 pub extern "system" fn set_stop<'local>(env: EnvUnowned<'local>, _class: JClass<'local>, stop: jlong) {
     guard(env, |_| {
-        STOPS.get(stop).map_err(Failure::Handle)?.store(true, Ordering::SeqCst);
+        STOPS.get(stop)?.store(true, Ordering::SeqCst);
         Ok(())
     })
 }
@@ -152,7 +152,7 @@ pub extern "system" fn set_stop<'local>(env: EnvUnowned<'local>, _class: JClass<
 /// `static native void closeStop(long stop)`.
 #[jni_mangle("dev.boxline.internal.Native")]
 pub extern "system" fn close_stop<'local>(env: EnvUnowned<'local>, _class: JClass<'local>, stop: jlong) {
-    guard(env, |_| STOPS.close(stop).map_err(Failure::Handle));
+    guard(env, |_| Ok(STOPS.close(stop)?));
 }
 
 /// `static native byte[] measureBox(long calibration, ByteBuffer frameA, ByteBuffer frameB, long stop)`: measures a box from
@@ -168,7 +168,7 @@ pub extern "system" fn measure_box<'local>(
     stop: jlong,
 ) -> JByteArray<'local> {
     guard(env, |env| {
-        let calibration = CALIBRATIONS.get(calibration).map_err(Failure::Handle)?;
+        let calibration = CALIBRATIONS.get(calibration)?;
         let stop = stop_sign(stop)?;
         let mut decode = |buffer, name| {
             let jpeg = bytes_of_buffer(env, buffer, name)?;
@@ -191,7 +191,7 @@ pub extern "system" fn view_frame<'local>(
     stop: jlong,
 ) -> JByteArray<'local> {
     guard(env, |env| {
-        let calibration = CALIBRATIONS.get(calibration).map_err(Failure::Handle)?;
+        let calibration = CALIBRATIONS.get(calibration)?;
         let stop = stop_sign(stop)?;
         let jpeg = bytes_of_buffer(env, &frame, "frame")?;
         let frame = Frame::from_jpeg(&jpeg).map_err(|e| e.in_context("frame"))?;
@@ -223,7 +223,7 @@ pub extern "system" fn open_head<'local>(env: EnvUnowned<'local>, _class: JClass
 /// `static native void closeHead(long head)`: lasers off, stream off, interfaces let go; takes at most some seconds.
 #[jni_mangle("dev.boxline.internal.Native")]
 pub extern "system" fn close_head<'local>(env: EnvUnowned<'local>, _class: JClass<'local>, head: jlong) {
-    guard(env, |_| HEADS.close(head).map_err(Failure::Handle));
+    guard(env, |_| Ok(HEADS.close(head)?));
 }
 
 /// `static native String headSerial(long head)`.
@@ -234,7 +234,7 @@ pub extern "system" fn head_serial<'local>(
     head: jlong,
 ) -> JString<'local> {
     guard(env, |env| {
-        let head = HEADS.get(head).map_err(Failure::Handle)?;
+        let head = HEADS.get(head)?;
         Ok(env.new_string(&head.serial)?)
     })
 }
@@ -247,7 +247,7 @@ pub extern "system" fn open_head_calibration<'local>(
     head: jlong,
 ) -> jlong {
     guard(env, |_| {
-        let head = HEADS.get(head).map_err(Failure::Handle)?;
+        let head = HEADS.get(head)?;
         Ok(CALIBRATIONS.open(head.calibration()?))
     })
 }
@@ -255,14 +255,14 @@ pub extern "system" fn open_head_calibration<'local>(
 /// `static native void startStream(long head)`: lasers on, stream on.
 #[jni_mangle("dev.boxline.internal.Native")]
 pub extern "system" fn start_stream<'local>(env: EnvUnowned<'local>, _class: JClass<'local>, head: jlong) {
-    guard(env, |_| HEADS.get(head).map_err(Failure::Handle)?.start())
+    guard(env, |_| HEADS.get(head)?.start())
 }
 
 /// `static native void stopStream(long head)`: lasers off, stream off; takes at most some seconds.
 #[jni_mangle("dev.boxline.internal.Native")]
 pub extern "system" fn stop_stream<'local>(env: EnvUnowned<'local>, _class: JClass<'local>, head: jlong) {
     guard(env, |_| {
-        HEADS.get(head).map_err(Failure::Handle)?.stop();
+        HEADS.get(head)?.stop();
         Ok(())
     })
 }
@@ -270,7 +270,7 @@ pub extern "system" fn stop_stream<'local>(env: EnvUnowned<'local>, _class: JCla
 /// `static native int lasers(long head)`: bit n: laser n + 1 is on.
 #[jni_mangle("dev.boxline.internal.Native")]
 pub extern "system" fn lasers<'local>(env: EnvUnowned<'local>, _class: JClass<'local>, head: jlong) -> jint {
-    guard(env, |_| HEADS.get(head).map_err(Failure::Handle)?.lasers())
+    guard(env, |_| HEADS.get(head)?.lasers())
 }
 
 /// `static native void setLasers(long head, int bits)`: bit n: laser n + 1. They go out by themselves 2 s after frames stop.
@@ -281,7 +281,7 @@ pub extern "system" fn set_lasers<'local>(
     head: jlong,
     bits: jint,
 ) {
-    guard(env, |_| HEADS.get(head).map_err(Failure::Handle)?.set_lasers(bits))
+    guard(env, |_| HEADS.get(head)?.set_lasers(bits))
 }
 
 /// `static native byte[] liveView(long head, long calibration, long after, long stop)`: waits for a lit frame later than
@@ -296,8 +296,8 @@ pub extern "system" fn live_view<'local>(
     stop: jlong,
 ) -> JByteArray<'local> {
     guard(env, |env| {
-        let head = HEADS.get(head).map_err(Failure::Handle)?;
-        let calibration = CALIBRATIONS.get(calibration).map_err(Failure::Handle)?;
+        let head = HEADS.get(head)?;
+        let calibration = CALIBRATIONS.get(calibration)?;
         head.check_calibration(&calibration)?;
         let stop = stop_sign(stop)?;
         let after = u64::try_from(after).map_err(|e| Failure::Argument(format!("after {after}: {e}")))?;
@@ -318,7 +318,7 @@ pub extern "system" fn capture_frame<'local>(
     stop: jlong,
 ) -> jlong {
     guard(env, |_| {
-        let head = HEADS.get(head).map_err(Failure::Handle)?;
+        let head = HEADS.get(head)?;
         let stop = stop_sign(stop)?;
         let (_, frame) = head.lit_frame(head.newest(), stop.as_deref())?;
         Ok(FRAMES.open(Captured { jpeg: frame.jpeg.clone(), serial: head.serial.clone() }))
@@ -328,7 +328,7 @@ pub extern "system" fn capture_frame<'local>(
 /// `static native void closeFrame(long frame)`.
 #[jni_mangle("dev.boxline.internal.Native")]
 pub extern "system" fn close_frame<'local>(env: EnvUnowned<'local>, _class: JClass<'local>, frame: jlong) {
-    guard(env, |_| FRAMES.close(frame).map_err(Failure::Handle));
+    guard(env, |_| Ok(FRAMES.close(frame)?));
 }
 
 /// `static native byte[] frameJpeg(long frame)`: the frame as the head sent it, for a record or an image file.
@@ -339,7 +339,7 @@ pub extern "system" fn frame_jpeg<'local>(
     frame: jlong,
 ) -> JByteArray<'local> {
     guard(env, |env| {
-        let frame = FRAMES.get(frame).map_err(Failure::Handle)?;
+        let frame = FRAMES.get(frame)?;
         Ok(env.byte_array_from_slice(&frame.jpeg)?)
     })
 }
@@ -354,8 +354,8 @@ pub extern "system" fn view_captured<'local>(
     stop: jlong,
 ) -> JByteArray<'local> {
     guard(env, |env| {
-        let calibration = CALIBRATIONS.get(calibration).map_err(Failure::Handle)?;
-        let frame = FRAMES.get(frame).map_err(Failure::Handle)?;
+        let calibration = CALIBRATIONS.get(calibration)?;
+        let frame = FRAMES.get(frame)?;
         check_serial(&frame.serial, &calibration)?;
         let stop = stop_sign(stop)?;
         let face = measure_face(&Frame::from_jpeg(&frame.jpeg)?, &calibration, stop.as_deref())?;
@@ -375,10 +375,10 @@ pub extern "system" fn measure_frames<'local>(
     stop: jlong,
 ) -> JByteArray<'local> {
     guard(env, |env| {
-        let calibration = CALIBRATIONS.get(calibration).map_err(Failure::Handle)?;
+        let calibration = CALIBRATIONS.get(calibration)?;
         let stop = stop_sign(stop)?;
         let frames = [frame_a, frame_b].map(|frame| {
-            let frame = FRAMES.get(frame).map_err(Failure::Handle)?;
+            let frame = FRAMES.get(frame)?;
             check_serial(&frame.serial, &calibration)?;
             Ok::<_, Failure>(Frame::from_jpeg(&frame.jpeg)?)
         });
@@ -398,7 +398,7 @@ pub extern "system" fn show_preview<'local>(
     surface: JObject<'local>,
 ) -> jboolean {
     guard(env, |env| {
-        let head = HEADS.get(head).map_err(Failure::Handle)?;
+        let head = HEADS.get(head)?;
         #[cfg(target_os = "android")]
         {
             let window =
