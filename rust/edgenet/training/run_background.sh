@@ -12,11 +12,11 @@ shift 2
 mkdir -p "$run"
 run="$(cd "$run" && pwd)"
 
-running() { [ -f "$run/pid" ] && grep -qs train.py "/proc/$(cat "$run/pid")/cmdline"; }
+. "$here/background.sh"
 
 case "$action" in
 start)
-    if running; then echo "already running as $(cat "$run/pid")" >&2; exit 1; fi
+    if running "$run" train.py; then echo "already running as $(cat "$run/pid")" >&2; exit 1; fi
     [ $# -eq 0 ] || printf '%s\n' "$@" >"$run/options"
     [ -f "$run/options" ] || { echo "no options given, and none kept in $run/options" >&2; exit 2; }
     mapfile -t options <"$run/options"
@@ -26,16 +26,10 @@ start)
     echo "runs as $(cat "$run/pid"); look at $run/log, $run/curves.png"
     ;;
 status)
-    if running; then echo "runs as $(cat "$run/pid")"; else echo "does not run"; fi
+    if running "$run" train.py; then echo "runs as $(cat "$run/pid")"; else echo "does not run"; fi
     tail -n 5 "$run/log" 2>/dev/null || true
     grep '^validation' "$run/log" 2>/dev/null | tail -n 3 || true
     ;;
-stop)
-    running || { echo "does not run"; exit 0; }
-    kill -TERM "$(cat "$run/pid")"
-    for _ in $(seq 120); do running || { echo "stopped"; exit 0; }; sleep 1; done
-    echo "still running after two minutes" >&2
-    exit 1
-    ;;
+stop) stop "$run" train.py ;;
 *) echo "unknown action $action" >&2; exit 2 ;;
 esac
