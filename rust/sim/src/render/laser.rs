@@ -44,8 +44,12 @@ fn blur(field: &[f32]) -> Vec<f32> {
         .collect()
 }
 
-/// Mean over a cell of a clipped Gaussian profile whose middle is `off` cells away across the stripe.
-fn mean_profile(off: f32, sigma: f32, across: [f32; 2], peak: f32, most: f32) -> f32 {
+/// Blur of the head's lens in sensor px: the middle of what `Sensor::random` draws. Averaging bytes notices it.
+const LENS_BLUR_PX: f32 = 0.75;
+
+/// What a Gaussian profile, its middle `off` cells away across the stripe, adds to a cell of light `base`, once the bytes of
+/// the sensor's own pixels have been averaged: each clips by itself at `most` above the base, and bytes go about with the root of the light.
+fn mean_profile(off: f32, sigma: f32, across: [f32; 2], peak: f32, base: f32, most: f32) -> f32 {
     // A square cell seen across the stripe is as wide as its shadow; five samples suffice from 0.3 cells of sigma on.
     let wide = across[0].abs() + across[1].abs();
     if off.abs() > REACH * sigma + 0.5 * wide {
@@ -53,10 +57,11 @@ fn mean_profile(off: f32, sigma: f32, across: [f32; 2], peak: f32, most: f32) ->
     }
     let sample = |share: f32| {
         let x = (off + share * wide) / sigma;
-        (peak * (-0.5 * x * x).exp()).min(most)
+        (base + (peak * (-0.5 * x * x).exp()).min(most)).sqrt()
     };
     // The shadow of a square at 45 degrees is a triangle, of an upright one a box: weights in between.
-    0.25 * sample(0.0) + 0.225 * (sample(-0.2) + sample(0.2)) + 0.15 * (sample(-0.4) + sample(0.4))
+    let root = 0.25 * sample(0.0) + 0.225 * (sample(-0.2) + sample(0.2)) + 0.15 * (sample(-0.4) + sample(0.4));
+    (root * root - base).max(0.0)
 }
 
 /// A surface point that lasers may meet.
@@ -146,7 +151,8 @@ impl Stage<'_> {
         let Spot { own, ray, depth, normal } = *spot;
         // A glossy coat sends part of the laser elsewhere.
         let red = albedo.x.max(0.0) * (1.0 - 0.6 * gloss) * self.exposure;
-        let room = (1.0 - colour.x).max(0.0);
+        let base = colour.x.max(0.0);
+        let room = (1.0 - base).max(0.0);
         let point = ray * depth;
         let cell = self.cell_per_mm * depth;
         let coarse = self.raster.scale() > 1.5;
@@ -159,10 +165,10 @@ impl Stage<'_> {
             let Some((peak, sigma)) = self.sheet(beam, point, normal) else { continue };
             let (off_px, across) = self.off_px(beam, ray, point, normal);
             let irradiance = if coarse {
-                // What the sensor's own pixels in this cell would keep: each clips by itself.
-                let px_per_sigma = if off.abs() > 1e-3 { off_px / off * sigma } else { sigma / cell };
-                let most = room / red.max(1e-6);
-                mean_profile(off_px, px_per_sigma.abs(), across, peak, most)
+                let sigma_px = (if off.abs() > 1e-3 { off_px / off * sigma } else { sigma / cell }).abs();
+                let blurred_px = sigma_px.hypot(LENS_BLUR_PX / self.raster.scale() as f32);
+                let whole = red.max(1e-6);
+                mean_profile(off_px, blurred_px, across, peak * whole * sigma_px / blurred_px, base, room) / whole
             } else {
                 let x = off / sigma;
                 if x.abs() > REACH { 0.0 } else { peak * (-0.5 * x * x).exp() }
