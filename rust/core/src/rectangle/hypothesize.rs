@@ -106,13 +106,15 @@ const MAP_SIGMA: f64 = 0.6;
 /// Farthest from the side in the maps that the image's edge is looked for, pixels of the maps.
 const MAP_REACH: f64 = 2.5;
 
-/// Finds the rectangle when a network has said which one it is: the image's edges beside its sides compete.
+/// Finds the rectangle when a network has said which one it is: the image's edges beside its sides compete. `least_support` is what
+/// the network must give a side at which the stripes do not both end.
 pub(crate) fn snap_to_image(
     frame: &Frame,
     calibration: &Calibration,
     face: &FaceStripes,
     outline: &MapOutline,
     maps: &FaceMaps,
+    least_support: f32,
 ) -> Result<RoughRectangle, Reject> {
     let open = |found: usize| Reject::RectangleOpen { sides_found: found as u8 };
     let (raster, px) = (outline.raster.on(&face.fit.plane), outline.mm_per_px);
@@ -125,12 +127,14 @@ pub(crate) fn snap_to_image(
         let offset = outline.offsets_mm[side];
         // A stripe that ends beside the side says where, if it was seen all the way.
         let (mut middle, mut weight) = (offset / (sigma * sigma), 1.0 / (sigma * sigma));
+        let mut ends_here = 0;
         for end in pair.iter().filter(|e| !e.runs_on) {
             let spread = (END_SIGMA_PX + 0.36 * end.uncertainty_px) * px;
             let distance = across.offset(end.at) - offset;
             if distance.abs() < 3.0 * spread.hypot(sigma) {
                 middle += across.offset(end.at) / (spread * spread);
                 weight += 1.0 / (spread * spread);
+                ends_here += 1;
             }
         }
         let (middle, spread) = (middle / weight, 1.5 * weight.sqrt().recip());
@@ -140,7 +144,11 @@ pub(crate) fn snap_to_image(
             pair.iter().zip(outwards).all(|(e, o)| e.runs_on || o > RUNS_BEYOND * LIMIT_BEYOND_PX * px);
         let needed = if flush[side] { SUPPORT_FLUSH } else { LEAST_BESIDE_MAP };
         let (support, beyond) = (outline.support[side], outline.face_beyond(calibration, maps, side));
-        let needed_support = if flush[side] { MAP_SUPPORT_FLUSH } else { 0.0 };
+        let needed_support = match (flush[side], ends_here) {
+            (true, _) => MAP_SUPPORT_FLUSH,
+            (false, 2) => 0.0,
+            _ => least_support,
+        };
         if support < needed_support || beyond > MAP_FACE_BEYOND {
             return Err(Reject::OutlineUnsure {
                 support: f64::from(support),
