@@ -21,8 +21,9 @@ const PAYLOAD_BYTES: u32 = 4096;
 /// What the software head sends for one frame over a bulk pipe.
 fn transfers() -> Vec<Vec<u8>> {
     let settings = Settings { max_payload_bytes: PAYLOAD_BYTES, ..Settings::default() };
-    let source =
-        Box::new(|shot: Shot| (shot.number < 2).then(|| Arc::from(support::picture(shot.number, FRAME_BYTES))));
+    let source = Box::new(|shot: Shot| {
+        (shot.number < 2).then(|| Arc::from(support::picture(shot.number, FRAME_BYTES)))
+    });
     let mut head = SoftwareHead::new(settings, source);
     let commit = Setup { request_type: 0x21, request: 1, value: 0x200, index: 1, length: 34 };
     head.control(commit, &Probe::default().encode(34), Duration::ZERO).expect("the head streams");

@@ -24,7 +24,7 @@ impl BulkSplitter {
 
     /// The bytes of one transfer; `short` says that it was not filled, so its last packet was short.
     pub fn transfer(&mut self, mut bytes: &[u8], short: bool, frames: &mut Assembler) {
-        if self.lost && !Assembler::is_tagged_start(bytes) {
+        if self.lost && !frames.is_tagged_start(bytes) {
             self.lost = !short; // after a short packet comes a payload
             return;
         }

@@ -48,9 +48,13 @@ pub(crate) const SCR: u8 = 1 << 3;
 pub(crate) const STILL: u8 = 1 << 5;
 pub(crate) const ERR: u8 = 1 << 6;
 const TAG_BYTES: usize = 8;
+/// A header with PTS, SCR and tag.
+pub(crate) const TAGGED_HEADER_BYTES: usize = 12 + TAG_BYTES;
 /// First byte of a tag, which says that it is one, version 1.
 const TAG_MARK: u8 = 0xB1;
 const TAG_SWITCHED: u8 = 1 << 7;
+/// Bits of the second byte that are 0.
+const TAG_RESERVED: u8 = 0x70;
 
 impl PayloadHeader {
     /// Reads the header at the start of a payload.
@@ -118,7 +122,7 @@ impl PayloadHeader {
 impl FrameTag {
     fn parse(bytes: &[u8]) -> Option<Self> {
         let &[TAG_MARK, state, s0, s1, o0, o1, o2, o3] = bytes.get(..TAG_BYTES)? else { return None };
-        Some(Self {
+        (state & TAG_RESERVED == 0).then(|| Self {
             lasers: state & 0xF,
             switched: state & TAG_SWITCHED != 0,
             sequence: u16::from_le_bytes([s0, s1]),

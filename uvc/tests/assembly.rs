@@ -5,6 +5,7 @@ mod support;
 
 use boxline_uvc::bulk::BulkSplitter;
 use boxline_uvc::emulator::{Answer, Fault, Pipe, Settings, Setup, SoftwareHead};
+use boxline_uvc::payload::{FrameTag, PayloadHeader};
 use boxline_uvc::probe::Probe;
 use boxline_uvc::{Assembler, Counters, Frame};
 use proptest::prelude::*;
@@ -167,4 +168,38 @@ fn a_frame_is_not_moved_while_it_grows() {
     }
     let frame = frames.take_ready().next().unwrap();
     assert_eq!(frame.jpeg.capacity(), 100_000, "one allocation, so each byte was copied once");
+}
+
+#[test]
+fn bytes_of_a_picture_that_look_like_a_header_count_no_frames_as_missing() {
+    let header = |sequence, offset_bytes| PayloadHeader {
+        length: 0,
+        frame_id: false,
+        end_of_frame: false,
+        error: false,
+        still: false,
+        pts: Some(0),
+        scr: Some((0, 0)),
+        tag: Some(FrameTag { lasers: 0xF, switched: false, sequence, offset_bytes }),
+    };
+    let payload = |header: &PayloadHeader| {
+        let mut bytes = header.encode();
+        bytes.resize(4096, 0x55);
+        bytes
+    };
+    let mut frames = Assembler::new(10_000);
+    let mut splitter = BulkSplitter::new(8192);
+    splitter.transfer(&payload(&header(7, 0)), false, &mut frames);
+    splitter.failed(&mut frames);
+    // The rest of a picture: another sequence number, an offset that no frame reaches, the length of another header.
+    splitter.transfer(&payload(&header(9000, 4076)), false, &mut frames);
+    splitter.transfer(&payload(&header(8, u32::MAX)), false, &mut frames);
+    let mut longer = payload(&header(8, 0));
+    longer[0] += 1;
+    splitter.transfer(&longer, false, &mut frames);
+    assert_eq!(frames.counters().missing, 0);
+    // And what does come next.
+    splitter.transfer(&payload(&header(8, 0)), true, &mut frames);
+    assert_eq!(frames.counters().missing, 0);
+    assert_eq!(frames.counters().dropped(), 1, "{:?}", frames.counters());
 }

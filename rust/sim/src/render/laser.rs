@@ -60,7 +60,8 @@ fn mean_profile(off: f32, sigma: f32, across: [f32; 2], peak: f32, base: f32, mo
         (base + (peak * (-0.5 * x * x).exp()).min(most)).sqrt()
     };
     // The shadow of a square at 45 degrees is a triangle, of an upright one a box: weights in between.
-    let root = 0.25 * sample(0.0) + 0.225 * (sample(-0.2) + sample(0.2)) + 0.15 * (sample(-0.4) + sample(0.4));
+    let root =
+        0.25 * sample(0.0) + 0.225 * (sample(-0.2) + sample(0.2)) + 0.15 * (sample(-0.4) + sample(0.4));
     (root * root - base).max(0.0)
 }
 
@@ -168,7 +169,8 @@ impl Stage<'_> {
                 let sigma_px = (if off.abs() > 1e-3 { off_px / off * sigma } else { sigma / cell }).abs();
                 let blurred_px = sigma_px.hypot(LENS_BLUR_PX / self.raster.scale() as f32);
                 let whole = red.max(1e-6);
-                mean_profile(off_px, blurred_px, across, peak * whole * sigma_px / blurred_px, base, room) / whole
+                mean_profile(off_px, blurred_px, across, peak * whole * sigma_px / blurred_px, base, room)
+                    / whole
             } else {
                 let x = off / sigma;
                 if x.abs() > REACH { 0.0 } else { peak * (-0.5 * x * x).exp() }
