@@ -13,6 +13,7 @@ mod cuboid;
 pub mod diagnostics;
 pub mod drift;
 mod edges;
+mod eigen;
 pub mod error;
 mod face;
 mod face_lines;

@@ -2,6 +2,7 @@
 //! space, as the paper does.
 
 use super::stripes::BoardStripe;
+use crate::eigen::symmetric_eigen;
 use crate::frames::{Cam, Plane};
 use crate::units::LaserId;
 use nalgebra::{Matrix3, Vector3};
@@ -151,8 +152,8 @@ fn plane_through(sets: &[&Points]) -> Option<Vector3<f64>> {
     let all = || sets.iter().flat_map(|s| s.iter());
     let middle = all().sum::<Vector3<f64>>() / n;
     let spread = all().map(|p| (p - middle) * (p - middle).transpose()).sum::<Matrix3<f64>>();
-    let eigen = spread.symmetric_eigen();
-    let normal: Vector3<f64> = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into();
+    let eigen = symmetric_eigen(&spread);
+    let normal: Vector3<f64> = eigen.vectors.column(eigen.values.imin()).into();
     let distance = normal.dot(&middle);
     (distance.abs() > 1.0).then(|| normal / distance)
 }

@@ -9,6 +9,7 @@
 use super::blobs::Blob;
 use super::board::OnBoard;
 use crate::camera::CameraModel;
+use crate::eigen::symmetric_eigen;
 use crate::frames::{Cam, Pose, Ray};
 use crate::image::Frame;
 use crate::units::Px;
@@ -197,10 +198,9 @@ fn fit_ellipse(
 }
 
 fn symmetric_root(m: &Matrix2<f64>) -> Option<Matrix2<f64>> {
-    let eigen = m.symmetric_eigen();
-    let roots = eigen.eigenvalues.map(|e| e.max(0.0).sqrt());
-    (roots.min() > 0.5)
-        .then(|| eigen.eigenvectors * Matrix2::from_diagonal(&roots) * eigen.eigenvectors.transpose())
+    let eigen = symmetric_eigen(m);
+    let roots = eigen.values.map(|e| e.max(0.0).sqrt());
+    (roots.min() > 0.5).then(|| eigen.vectors * Matrix2::from_diagonal(&roots) * eigen.vectors.transpose())
 }
 
 /// The middle value; `None` of nothing.

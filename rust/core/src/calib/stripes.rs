@@ -4,6 +4,7 @@
 use super::board::{Board, BoardView, OnBoard};
 use super::rim::board_matrix;
 use crate::camera::CameraModel;
+use crate::eigen::symmetric_eigen;
 use crate::frames::{Cam, Pose, Ray};
 use crate::image::Frame;
 use crate::image::redness::{Diagonal, RidgeMap, Z_STEPS, half_redness, ridge_map};
@@ -195,8 +196,8 @@ fn strongest_line(places: &[(Vector2<f64>, f64)], base: Vector2<f64>) -> Option<
             return None;
         }
         middle /= sum;
-        let eigen = (square / sum - middle * middle.transpose()).symmetric_eigen();
-        let mut normal: Vector2<f64> = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into();
+        let eigen = symmetric_eigen(&(square / sum - middle * middle.transpose()));
+        let mut normal: Vector2<f64> = eigen.vectors.column(eigen.values.imin()).into();
         if normal.x < 0.0 {
             normal = -normal;
         }

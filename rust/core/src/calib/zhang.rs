@@ -3,6 +3,7 @@
 
 use super::board::OnBoard;
 use crate::camera::CameraModel;
+use crate::eigen::symmetric_eigen;
 use crate::frames::{Cam, Pose};
 use crate::units::Px;
 use nalgebra::{DMatrix, Matrix3, SVector, Vector2, Vector3};
@@ -39,9 +40,9 @@ fn normaliser(points: impl Iterator<Item = Vector2<f64>> + Clone) -> Matrix3<f64
 }
 
 fn smallest_eigenvector(m: &DMatrix<f64>) -> Option<Vec<f64>> {
-    let eigen = m.clone().symmetric_eigen();
-    let smallest = eigen.eigenvalues.iter().enumerate().min_by(|a, b| a.1.total_cmp(b.1))?.0;
-    Some(eigen.eigenvectors.column(smallest).iter().copied().collect())
+    let eigen = symmetric_eigen(m);
+    let smallest = eigen.values.iter().enumerate().min_by(|a, b| a.1.total_cmp(b.1))?.0;
+    Some(eigen.vectors.column(smallest).iter().copied().collect())
 }
 
 /// The camera from at least three homographies, without distortion. If Zhang's closed form gives an impossible camera, as

@@ -1,6 +1,7 @@
 //! Which combinations of the twelve plane parameters the faces tell: eigenvectors of their information, named in words.
 
 use super::{LaserMotion, scale_motion};
+use crate::eigen::symmetric_eigen;
 use crate::face_lines::laser_motion::{MotionMatrix, Motions, motions_of};
 use crate::frames::{Cam, Plane};
 use nalgebra::{Matrix3, Vector3};
@@ -102,12 +103,11 @@ pub(super) fn directions(
         named[i] = named[i].try_normalize(1e-12)?;
     }
     let scale_step = scale.norm_squared();
-    let eigen = ((information + information.transpose()) * 0.5).symmetric_eigen();
+    let eigen = symmetric_eigen(information);
     let mut all: Vec<Direction> = (0..12)
         .map(|i| {
-            let vector: Motions = eigen.eigenvectors.column(i).into();
-            // From the vector itself: nalgebra may list eigenvalues of very different size in another order (its issue 1109).
-            let eigenvalue = vector.dot(&(information * vector)).max(0.0);
+            let vector: Motions = eigen.vectors.column(i).into();
+            let eigenvalue = eigen.values[i].max(0.0);
             let of_scale = named[0].dot(&vector).powi(2);
             let of_depth: f64 = named[1..].iter().map(|n| n.dot(&vector).powi(2)).sum();
             let shares = [
