@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// The modules of `rust/core/src`, lowest first. A new module gets its line here.
-const MODULES: [&str; 25] = [
+const MODULES: [&str; 26] = [
     "eigen",
     "units",
     "error",
@@ -29,6 +29,7 @@ const MODULES: [&str; 25] = [
     "face",
     "edges",
     "rectangle",
+    "box_depth",
     "cuboid",
     "points",
     "pipeline",

@@ -4,8 +4,8 @@
 use boxline::frames::{Plane, Point};
 use boxline::measurement::FaceMeasurement;
 use boxline::{
-    AngleEstimate, BoxMeasurement, BoxReport, ErrorKind, Estimate, FaceOutcome, LaserId, Outcome, Px, Reject,
-    Volume, Warning, WarningKind,
+    AngleEstimate, BoxMeasurement, BoxReport, DepthSeen, ErrorKind, Estimate, FaceOutcome, LaserId, Outcome,
+    Px, Reject, SurfacePoint, Volume, Warning, WarningKind,
 };
 use boxline_proto::json::{face_json, parse_calibration, parse_recording, report_json};
 use boxline_proto::message::{
@@ -33,6 +33,7 @@ fn face() -> FaceMeasurement {
             [1.57, 1.58, 1.56, 1.572].map(|value_rad| AngleEstimate { value_rad, sigma_rad: 1e-3 }),
         ),
         warnings: WarningKind::ALL.map(warning).to_vec(),
+        surface: vec![SurfacePoint { at_mm: [-20.0, 30.5], height: Estimate::new(1.25, 0.125) }],
     }
 }
 
@@ -53,7 +54,8 @@ fn sides(height_mm: f64) -> BoxMeasurement {
 fn report(outcome: Outcome) -> BoxReport {
     let rejected = FaceOutcome::Rejected(Reject::RectangleOpen { sides_found: 3 });
     let warnings = vec![warning(WarningKind::SidesDiffer)];
-    BoxReport { outcome, faces: [FaceOutcome::Measured(Box::new(face())), rejected], warnings }
+    let settled = Some(DepthSeen { depth: Estimate::new(300.5, 2.0), log_odds: 14.5, stripes: 3 });
+    BoxReport { outcome, faces: [FaceOutcome::Measured(Box::new(face())), rejected], warnings, settled }
 }
 
 fn every_reject() -> Vec<Reject> {
@@ -95,14 +97,14 @@ fn a_measured_box_as_json() {
         },
         "plane": {"normal": [0.0, 0.0, 1.0], "distance_mm": 1000.0}, "rms_px": 0.4, "reject": null,
         "corner_angles_rad": corner_angles,
-        "warnings": warning_entries,
+        "warnings": warning_entries, "surface_mm": [[-20.0, 30.5, 1.25, 0.125]],
     });
     let reject = json!({"reason": "rectangle_open", "sides_found": 3.0,
                         "text": "only 3 of 4 sides of the face were found"});
     let rejected = json!({
         "frame": "b", "outcome": "rejected", "length_mm": null, "width_mm": null, "corners_px": null,
         "key_points_px": null, "plane": null, "rms_px": null, "reject": reject,
-        "corner_angles_rad": null, "warnings": [],
+        "corner_angles_rad": null, "warnings": [], "surface_mm": [],
     });
     let measured = report(Outcome::Measured(sides(300.0)));
     let expected = json!({
@@ -111,6 +113,7 @@ fn a_measured_box_as_json() {
         "height_mm": estimate(300.0, 0.1), "volume_m3": estimate(0.0579, 0.0001),
         "candidates": [], "reject": null, "faces": [entry, rejected],
         "warnings": [between],
+        "settled": {"depth_mm": estimate(300.5, 2.0), "log_odds": 14.5, "stripes": 3},
     });
     assert_eq!(report_json(&measured, ["a", "b"]), expected);
     assert!(
@@ -122,11 +125,13 @@ fn a_measured_box_as_json() {
         "outcome": "measured",
         "length_mm": estimate(550.5, 0.25), "width_mm": estimate(300.0, 0.1),
         "height_mm": null, "volume_m3": null, "candidates": [], "reject": null, "faces": [entry], "warnings": [],
+        "settled": null,
     });
     assert_eq!(face_json(&measured.faces[0], "a"), expected);
     let expected = json!({
         "outcome": "rejected", "length_mm": null, "width_mm": null, "height_mm": null, "volume_m3": null,
         "candidates": [], "reject": reject, "faces": [rejected], "warnings": [],
+        "settled": null,
     });
     assert_eq!(face_json(&measured.faces[1], "b"), expected);
 }

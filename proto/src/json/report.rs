@@ -5,7 +5,10 @@
 
 use boxline::feasibility::Move;
 use boxline::measurement::FaceMeasurement;
-use boxline::{BoxMeasurement, BoxReport, Estimate, FaceOutcome, Hint, Outcome, Px, Reject, Volume, Warning};
+use boxline::{
+    BoxMeasurement, BoxReport, Estimate, FaceOutcome, Hint, Outcome, Px, Reject, SurfacePoint, Volume,
+    Warning,
+};
 use serde_json::{Map, Value, json};
 
 /// A box measurement. `frame_ids` name the first and the second frame.
@@ -18,11 +21,14 @@ use serde_json::{Map, Value, json};
 ///  "faces": [{"frame": "a", "outcome": "measured" | "rejected", "length_mm": {..}, "width_mm": {..},
 ///             "corners_px": [[u, v], "4 of them"], "key_points_px": {"1": [[u, v], [u, v]], "2": ..},
 ///             "plane": {"normal": [x, y, z], "distance_mm": 0}, "rms_px": 0,
-///             "corner_angles_rad": [{"value": 0, "sigma": 0}, "4 of them, or null"], "warnings": [..], "reject": {..}}],
+///             "corner_angles_rad": [{"value": 0, "sigma": 0}, "4 of them, or null"], "warnings": [..], "reject": {..},
+///             "surface_mm": [[along_length, along_width, height, sigma], "one a piece of a stripe"]}],
+///  "settled": {"depth_mm": {..}, "log_odds": 0, "stripes": 0},
 ///  "warnings": [{"kind": "sides_differ", "difference_mm": 0, .., "text": "for people"}]}
 /// ```
-/// The sides are there if the outcome is `measured`, the two candidates if it is `ambiguous`. The plane's unit normal
-/// points away from the camera (frame: camera).
+/// The sides are there if the outcome is `measured`, the two candidates if it is `ambiguous`; `settled` if stripes on neighbouring
+/// faces told an A x A x B box from A x B x B. The plane's unit normal points away from the camera (frame: camera). `surface_mm`
+/// is how far the surface lies from the plane, towards the camera, at a position from the face's middle.
 #[must_use]
 pub fn report_json(report: &BoxReport, frame_ids: [&str; 2]) -> Value {
     let (name, sides, candidates, reject) = match &report.outcome {
@@ -40,6 +46,9 @@ pub fn report_json(report: &BoxReport, frame_ids: [&str; 2]) -> Value {
         "candidates": candidates,
         "reject": reject.map(reject_entry),
         "faces": faces,
+        "settled": report.settled.map(|seen| json!({
+            "depth_mm": estimate(seen.depth), "log_odds": seen.log_odds, "stripes": seen.stripes,
+        })),
         "warnings": report.warnings.iter().map(warning_entry).collect::<Vec<_>>(),
     })
 }
@@ -57,6 +66,7 @@ pub fn face_json(face: &FaceOutcome, frame_id: &str) -> Value {
         "candidates": [],
         "reject": entry["reject"],
         "faces": [entry],
+        "settled": null,
         "warnings": [],
     })
 }
@@ -94,7 +104,13 @@ fn face_entry(face: &FaceOutcome, frame_id: &str) -> Value {
         }),
         "warnings": face.map_or_else(Vec::new, |f| f.warnings.iter().map(warning_entry).collect()),
         "reject": reject.map(reject_entry),
+        "surface_mm": face.map_or_else(Vec::new, |f| f.surface.iter().map(surface_point).collect()),
     })
+}
+
+fn surface_point(point: &SurfacePoint) -> [f64; 4] {
+    let [x, y] = point.at_mm;
+    [x, y, point.height.value_mm, point.height.sigma_mm]
 }
 
 fn candidate(sides: &BoxMeasurement) -> Value {

@@ -6,8 +6,8 @@ use crate::json::{Laser, RecordedFrame, Recording, Role, resolved_path};
 use boxline::frames::{Plane, Point};
 use boxline::measurement::FaceMeasurement;
 use boxline::{
-    AngleEstimate, BoxMeasurement, BoxReport, Calibration, CameraModel, Error, ErrorKind, Estimate,
-    FaceOutcome, LaserId, Outcome, Px, Reject, Volume, Warning, WarningKind,
+    AngleEstimate, BoxMeasurement, BoxReport, Calibration, CameraModel, DepthSeen, Error, ErrorKind,
+    Estimate, FaceOutcome, LaserId, Outcome, Px, Reject, SurfacePoint, Volume, Warning, WarningKind,
 };
 use nalgebra::Vector3;
 use std::path::Path;
@@ -52,7 +52,22 @@ pub(super) fn report(message: v1::BoxReport) -> Result<(BoxReport, [String; 2]),
     let (first, first_id) = face(first).map_err(|e| e.in_context("faces[0]"))?;
     let (second, second_id) = face(second).map_err(|e| e.in_context("faces[1]"))?;
     let warnings = message.warnings.into_iter().map(warning).collect::<Result<_, _>>()?;
-    Ok((BoxReport { outcome, faces: [first, second], warnings }, [first_id, second_id]))
+    let settled = message.settled.map(depth_seen).transpose()?;
+    Ok((BoxReport { outcome, faces: [first, second], warnings, settled }, [first_id, second_id]))
+}
+
+fn depth_seen(message: v1::DepthSeen) -> Result<DepthSeen, Error> {
+    Ok(DepthSeen {
+        depth: length(message.depth, "settled.depth")?,
+        log_odds: finite(message.log_odds, "settled.log_odds")?,
+        stripes: message.stripes as usize,
+    })
+}
+
+fn surface_point(message: v1::SurfacePoint) -> Result<SurfacePoint, Error> {
+    let number = |value| finite(value, "surface");
+    let at_mm = [number(message.along_length_mm)?, number(message.along_width_mm)?];
+    Ok(SurfacePoint { at_mm, height: Estimate::new(number(message.height_mm)?, number(message.sigma_mm)?) })
 }
 
 fn face(message: v1::Face) -> Result<(FaceOutcome, String), Error> {
@@ -88,6 +103,7 @@ fn face(message: v1::Face) -> Result<(FaceOutcome, String), Error> {
                 uncertainty: Default::default(),
                 corner_angles: corner_angles(message.corner_angles)?,
                 warnings: message.warnings.into_iter().map(warning).collect::<Result<_, _>>()?,
+                surface: message.surface.into_iter().map(surface_point).collect::<Result<_, _>>()?,
             }))
         }
         v1::Outcome::Rejected => FaceOutcome::Rejected(reject(required(message.reject, "reject")?)?),

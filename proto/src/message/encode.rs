@@ -5,7 +5,7 @@ use crate::json::{Laser, RecordedFrame, Recording, Role};
 use boxline::measurement::FaceMeasurement;
 use boxline::{
     AngleEstimate, BoxMeasurement, BoxReport, Calibration, Error, Estimate, FaceOutcome, LaserId, Outcome,
-    Px, Reject, Warning,
+    Px, Reject, SurfacePoint, Warning,
 };
 
 pub(super) fn report(report: &BoxReport, frame_ids: [&str; 2]) -> v1::BoxReport {
@@ -16,7 +16,13 @@ pub(super) fn report(report: &BoxReport, frame_ids: [&str; 2]) -> v1::BoxReport 
         Outcome::Rejected(why) => (v1::Outcome::Rejected, None, Vec::new(), Some(reject(why))),
     };
     let warnings = report.warnings.iter().map(warning).collect();
-    v1::BoxReport { outcome: outcome.into(), sides: measured, candidates, reject: rejected, faces, warnings }
+    let settled = report.settled.as_ref().map(|seen| v1::DepthSeen {
+        depth: Some(length(seen.depth)),
+        log_odds: seen.log_odds,
+        stripes: u32::try_from(seen.stripes).unwrap_or(u32::MAX),
+    });
+    let outcome = outcome.into();
+    v1::BoxReport { outcome, sides: measured, candidates, reject: rejected, faces, warnings, settled }
 }
 
 pub(super) fn face(outcome: &FaceOutcome, frame_id: &str) -> v1::Face {
@@ -34,6 +40,7 @@ pub(super) fn face(outcome: &FaceOutcome, frame_id: &str) -> v1::Face {
             reject: None,
             corner_angles: face.corner_angles.iter().flatten().map(angle).collect(),
             warnings: face.warnings.iter().map(warning).collect(),
+            surface: face.surface.iter().map(surface_point).collect(),
         },
         FaceOutcome::Rejected(why) => {
             let outcome = v1::Outcome::Rejected.into();
@@ -51,6 +58,12 @@ fn corners(face: &FaceMeasurement) -> Vec<v1::Corner> {
         z_mm: p.mm.z,
     })
     .collect()
+}
+
+fn surface_point(point: &SurfacePoint) -> v1::SurfacePoint {
+    let ([along_length_mm, along_width_mm], height) = (point.at_mm, point.height);
+    let (height_mm, sigma_mm) = (height.value_mm, height.sigma_mm);
+    v1::SurfacePoint { along_length_mm, along_width_mm, height_mm, sigma_mm }
 }
 
 fn key_points(&[first, second]: &[Px; 2]) -> v1::KeyPoints {

@@ -256,6 +256,8 @@ fn frames_per_recording(text: &str) -> Result<usize, String> {
 #[derive(Clone, Copy, ValueEnum)]
 pub enum RenderKind {
     Box,
+    /// A box A x A x B, seen obliquely: both frames show A x B
+    Twins,
     Face,
     Refuse,
 }

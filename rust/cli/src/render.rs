@@ -48,6 +48,7 @@ fn recordings(args: &RenderArgs, out: &Path, stock: &Stock) -> anyhow::Result<Fi
     std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
     let kind = match args.kind {
         RenderKind::Box => Kind::Box,
+        RenderKind::Twins => Kind::Twins,
         RenderKind::Face => Kind::Faces(args.frames),
         RenderKind::Refuse => Kind::Refuse(args.frames),
     };

@@ -2,7 +2,8 @@
 
 use boxline::measurement::FaceMeasurement;
 use boxline::{
-    BoxMeasurement, BoxReport, Estimate, FaceOutcome, Hint, Outcome, Reject, Volume, Warning, WarningKind,
+    BoxMeasurement, BoxReport, DepthSeen, Estimate, FaceOutcome, Hint, Outcome, Reject, Volume, Warning,
+    WarningKind,
 };
 
 /// A box, in lines.
@@ -12,6 +13,9 @@ pub fn of_box(report: &BoxReport, names: [&str; 2], hints: &[Option<Hint>; 2]) -
         Outcome::Measured(measurement) => {
             push(&mut text, &sides(measurement));
             push(&mut text, "(± is one standard deviation, [ ] hold the truth 95 times in 100)");
+            if let Some(seen) = &report.settled {
+                push(&mut text, &settled(seen));
+            }
         }
         Outcome::Ambiguous([first, second]) => {
             push(&mut text, "Two boxes are possible: both frames show sides of the same two lengths.");
@@ -88,6 +92,15 @@ fn what_it_means(kind: WarningKind) -> &'static str {
         WarningKind::SidesDiffer => "see that both frames show the same box and its flaps are down",
         _ => "the sigmas allow for it",
     }
+}
+
+/// Why it is this box although both frames show sides of the same two lengths.
+fn settled(seen: &DepthSeen) -> String {
+    format!(
+        "Both frames show sides of the same two lengths; {} stripes on the faces beside them end {:.0} ± {:.0} mm behind, which \
+         leaves this box.",
+        seen.stripes, seen.depth.value_mm, seen.depth.sigma_mm
+    )
 }
 
 fn push(text: &mut String, line: &str) {

@@ -181,6 +181,7 @@ mod tests {
             uncertainty: SideUncertainty { own_mm2: Matrix2::identity() * 0.16, ..Default::default() },
             corner_angles: None,
             warnings: Vec::new(),
+            surface: Vec::new(),
         }
     }
 

@@ -5,6 +5,7 @@
 //! Conventions (frames, units, pixel origin): `rust/CONVENTIONS.md`.
 #![forbid(unsafe_code)]
 
+mod box_depth;
 pub mod calib;
 pub mod calibration;
 pub mod camera;
@@ -39,8 +40,8 @@ pub use error::{Error, ErrorKind};
 pub use feasibility::Hint;
 pub use image::Frame;
 pub use measurement::{
-    BoxMeasurement, BoxReport, EdgeMethod, FaceMeasurement, FaceOutcome, Method, Outcome, Settings,
-    StageTimes,
+    BoxMeasurement, BoxReport, DepthSeen, EdgeMethod, FaceMeasurement, FaceOutcome, Method, Outcome,
+    Settings, StageTimes, SurfacePoint,
 };
 pub use network::{Channel, FaceMaps, Network};
 pub use pipeline::{measure_box, measure_box_with_hints, measure_face, measure_face_with_hint};

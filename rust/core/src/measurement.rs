@@ -131,6 +131,17 @@ pub struct FaceMeasurement {
     pub corner_angles: Option<[AngleEstimate; 4]>,
     /// Checks that failed.
     pub warnings: Vec<Warning>,
+    /// How far the surface lies from the fitted plane, along each stripe: a curvature map. Empty where it is not known.
+    pub surface: Vec<SurfacePoint>,
+}
+
+/// A piece of a stripe on a face against the fitted plane.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurfacePoint {
+    /// Position on the face along its length and along its width, from its middle, mm.
+    pub at_mm: [f64; 2],
+    /// Towards the camera, mm.
+    pub height: Estimate,
 }
 
 /// Three sides and the volume, sorted: length >= width >= height.
@@ -175,6 +186,19 @@ pub struct BoxReport {
     pub faces: [FaceOutcome; 2],
     /// Checks between the two faces that failed; those of a face stand with it.
     pub warnings: Vec<Warning>,
+    /// What told an A x A x B box from A x B x B, if that was needed and seen.
+    pub settled: Option<DepthSeen>,
+}
+
+/// How far the box was seen to reach behind both faces: what settled an A x A x B box.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DepthSeen {
+    /// Behind the faces; only good to tell two depths from each other.
+    pub depth: Estimate,
+    /// Natural logarithm of the odds against the other box, of all stripes together.
+    pub log_odds: f64,
+    /// Stripes on neighbouring faces that say so; none says otherwise.
+    pub stripes: usize,
 }
 
 /// Time spent in each stage in nanoseconds, in the order in which the stages ran. Only filled by `*_timed` calls.

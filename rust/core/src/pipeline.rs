@@ -1,5 +1,6 @@
 //! The one place that knows all stages and runs them in order.
 
+use crate::box_depth;
 use crate::calibration::Calibration;
 use crate::cuboid;
 use crate::edges::{EdgeDetector, hough::HoughDetector, subpixel::GradientDetector};
@@ -13,7 +14,7 @@ use crate::frames::{Cam, Plane};
 use crate::image::Frame;
 use crate::image::redness::{Diagonal, half_redness, ridge_map};
 use crate::measurement::{
-    BoxReport, EdgeMethod, FaceMeasurement, FaceOutcome, Outcome, Settings, StageTimes,
+    BoxReport, DepthSeen, EdgeMethod, FaceMeasurement, FaceOutcome, Outcome, Settings, StageTimes,
 };
 use crate::network::{FaceMaps, Network};
 use crate::rectangle;
@@ -21,6 +22,7 @@ use crate::rectangle::hypothesize::{Which, cut_by_border, hypothesize, limits, s
 use crate::reject::Reject;
 use crate::stripe::grid_search::{self, Evidence, GridHypothesis};
 use crate::units::LaserId;
+use crate::warning::Warning;
 use std::sync::atomic::Ordering;
 use std::time::Instant;
 
@@ -332,19 +334,40 @@ pub fn measure_box_with_hints(
     let (a, hint_a) = face(first, "first frame")?;
     let (b, hint_b) = face(second, "second frame")?;
     let hints = [hint_a, hint_b];
-    let (outcome, warnings) = match (&a, &b) {
-        (FaceOutcome::Measured(a), FaceOutcome::Measured(b)) => cuboid::assemble(a, b, settings.choose),
+    let frames = [first, second];
+    let (outcome, warnings, settled) = match (&a, &b) {
+        (FaceOutcome::Measured(a), FaceOutcome::Measured(b)) => {
+            assemble(frames, [a, b], calibration, settings)
+        }
         (FaceOutcome::Rejected(r), _) | (_, FaceOutcome::Rejected(r)) => {
-            (Outcome::Rejected(r.clone()), Vec::new())
+            (Outcome::Rejected(r.clone()), Vec::new(), None)
         }
     };
     if asked_network(settings).is_some()
         || !matches!(outcome, Outcome::Rejected(Reject::SidesDisagree { .. }))
     {
-        return Ok((BoxReport { outcome, faces: [a, b], warnings }, hints));
+        return Ok((BoxReport { outcome, faces: [a, b], warnings, settled }, hints));
     }
-    let agreed = with_alternatives([first, second], calibration, settings, times);
-    Ok((agreed.unwrap_or(BoxReport { outcome, faces: [a, b], warnings }), hints))
+    let agreed = with_alternatives(frames, calibration, settings, times);
+    Ok((agreed.unwrap_or(BoxReport { outcome, faces: [a, b], warnings, settled }), hints))
+}
+
+/// Puts two faces together; where that leaves two boxes, the frames are asked how deep the box is behind the faces.
+fn assemble(
+    frames: [&Frame; 2],
+    faces: [&FaceMeasurement; 2],
+    calibration: &Calibration,
+    settings: &Settings,
+) -> (Outcome, Vec<Warning>, Option<DepthSeen>) {
+    let [a, b] = faces;
+    let (outcome, warnings) = cuboid::assemble(a, b, settings.choose);
+    if let Outcome::Ambiguous(candidates) = &outcome
+        && let Some((which, seen)) = box_depth::settle(calibration, frames, faces, candidates)
+    {
+        let (outcome, warnings) = cuboid::assemble(a, b, Some(which));
+        return (outcome, warnings, Some(seen));
+    }
+    (outcome, warnings, None)
 }
 
 /// When the likeliest faces share no side, one of them may be two flush faces in one: the pair of alternatives that does
@@ -367,7 +390,7 @@ fn with_alternatives(
             if i > 0 && j > 0 {
                 continue;
             }
-            let (outcome, warnings) = cuboid::assemble(a, b, settings.choose);
+            let (outcome, warnings, settled) = assemble(frames, [a, b], calibration, settings);
             if matches!(outcome, Outcome::Rejected(_)) {
                 continue;
             }
@@ -375,7 +398,7 @@ fn with_alternatives(
                 return None;
             }
             let measured = |face: &FaceMeasurement| FaceOutcome::Measured(Box::new(face.clone()));
-            found.get_or_insert(BoxReport { outcome, faces: [measured(a), measured(b)], warnings });
+            found.get_or_insert(BoxReport { outcome, faces: [measured(a), measured(b)], warnings, settled });
         }
     }
     found

@@ -19,6 +19,8 @@ use std::path::Path;
 pub enum Kind {
     /// Two adjacent faces of one box.
     Box,
+    /// The same for a box A x A x B of which both frames show A x B ([`Plan::Twins`]).
+    Twins,
     /// This many single faces of different boxes.
     Faces(usize),
     /// This many frames that must be refused.
@@ -85,6 +87,7 @@ pub fn write_recording(folder: &Path, recipe: &Recipe, stock: &Stock) -> Result<
     let mut scenes = Vec::new();
     match kind {
         Kind::Box => scenes.push(compose(&mut rng, &head, Plan::Box, stock)),
+        Kind::Twins => scenes.push(compose(&mut rng, &head, Plan::Twins, stock)),
         Kind::Faces(n) => {
             scenes.extend((0..n).map(|_| compose(&mut rng.child(), &head, Plan::Face, stock)));
         }
@@ -100,7 +103,7 @@ pub fn write_recording(folder: &Path, recipe: &Recipe, stock: &Stock) -> Result<
         }
     }
     let prefix = match kind {
-        Kind::Box => "",
+        Kind::Box | Kind::Twins => "",
         Kind::Faces(_) => "f",
         Kind::Refuse(_) => "r",
     };
@@ -109,7 +112,7 @@ pub fn write_recording(folder: &Path, recipe: &Recipe, stock: &Stock) -> Result<
     let views = scenes.iter().flat_map(|s| s.views.iter().map(move |v| (s, v)));
     for (n, (scene, view)) in views.enumerate() {
         let id = match kind {
-            Kind::Box => ["a", "b"][n % 2].to_owned(),
+            Kind::Box | Kind::Twins => ["a", "b"][n % 2].to_owned(),
             _ => format!("{prefix}{:02}", n + 1),
         };
         let frame_seed = crate::rng::mix(seed) ^ n as u64;
@@ -133,7 +136,8 @@ pub fn write_recording(folder: &Path, recipe: &Recipe, stock: &Stock) -> Result<
     });
     write_json(&folder.join("recording.json"), &recording)?;
     write_json(&folder.join("calibration.json"), &head.calibration_json())?;
-    write_json(&folder.join("truth.json"), &truth(&head, &truths, kind == Kind::Box, stock))
+    let whole_box = matches!(kind, Kind::Box | Kind::Twins);
+    write_json(&folder.join("truth.json"), &truth(&head, &truths, whole_box, stock))
 }
 
 fn write_json(path: &Path, value: &Value) -> Result<(), Error> {

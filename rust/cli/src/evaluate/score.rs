@@ -324,6 +324,7 @@ mod tests {
             uncertainty: Default::default(),
             corner_angles: None,
             warnings: Vec::new(),
+            surface: Vec::new(),
         }
     }
 

@@ -382,6 +382,7 @@ mod tests {
             uncertainty: Default::default(),
             corner_angles: None,
             warnings: Vec::new(),
+            surface: Vec::new(),
         }
     }
 

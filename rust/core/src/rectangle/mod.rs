@@ -1,12 +1,13 @@
 //! The rectangle of a face on its plane: which one ([`hypothesize`]), its joint fit ([`refine`]), the paper's eight key
 //! points ([`key_points`]), the way from rounded to sharp edges ([`sharp_edge`]), its sigmas ([`uncertainty`]), what the
-//! residuals tell ([`self_check`]), and the result (this file).
+//! residuals tell ([`self_check`], [`surface`]), and the result (this file).
 
 pub(crate) mod hypothesize;
 pub(crate) mod key_points;
 pub(crate) mod refine;
 mod self_check;
 pub(crate) mod sharp_edge;
+mod surface;
 mod uncertainty;
 
 use crate::calibration::Calibration;
@@ -282,6 +283,7 @@ fn assemble(
         uncertainty,
         corner_angles,
         warnings,
+        surface: surface::surface(calibration, fit, &corners),
     })
 }
 

@@ -7,6 +7,7 @@
 //! lasers do, or an edge that its background moves, is no failure.
 
 use super::refine::{FittedRectangle, Row, SHAPE, Source};
+use super::surface;
 use super::uncertainty::{CAUSES, Causes, TILTS};
 use crate::units::LaserId;
 use crate::warning::{Warning, WarningKind};
@@ -243,16 +244,11 @@ fn straight(system: &System, fit: &FittedRectangle, found: &mut SelfCheck) -> Op
     Some(())
 }
 
-/// How far towards the camera a point of a stripe lies that is seen 1 px across from where the plane predicts it, mm.
+/// Mean over a stripe of [`surface::height_of_px`], mm.
 fn height_of_px(fit: &FittedRectangle, id: LaserId) -> f64 {
-    let q = fit.raster.plane.per_mm;
     let of_stripe = fit.rows.iter().filter(|r| r.source == Source::Stripe(id.index()) && r.weight > 0.0);
-    let (sum, count) = of_stripe.fold((0.0, 0.0), |(s, n), r| {
-        (s + r.derivative_px[0] * q.x + r.derivative_px[1] * q.y + r.derivative_px[2] * q.z, n + 1.0)
-    });
-    // A plane nearer by h has q (1 + h / distance); what is seen there has the opposite residual against the old plane.
-    let px_per_mm = -sum / f64::max(count, 1.0) * q.norm();
-    if px_per_mm.abs() > 1e-12 { 1.0 / px_per_mm } else { 0.0 }
+    let (sum, count) = of_stripe.fold((0.0, 0.0), |(s, n), r| (s + surface::height_of_px(fit, r), n + 1.0));
+    sum / f64::max(count, 1.0)
 }
 
 /// Do the four sides form a rectangle?

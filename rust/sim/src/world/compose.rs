@@ -16,6 +16,8 @@ use std::collections::BTreeSet;
 pub enum Plan {
     /// Two adjacent faces of one box.
     Box,
+    /// Two adjacent faces of a box A x A x B that both show A x B, each seen obliquely: what they share is told by the depth.
+    Twins,
     /// One face.
     Face,
     /// One frame that must be refused.
@@ -92,9 +94,13 @@ pub fn compose(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Scene {
 }
 
 fn attempt(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Option<Scene> {
-    let size = box_size(rng);
-    let half = size / 2.0;
+    let mut size = box_size(rng);
     let faces = pick_faces(rng, plan);
+    if let (Plan::Twins, [first, second]) = (plan, faces.as_slice()) {
+        // As deep behind one face as behind the other.
+        size[second / 2] = size[first / 2];
+    }
+    let half = size / 2.0;
     let stand = stand::stand(rng, &size, stock);
     let centre = Vector3::new(0.0, 0.0, stand.top_mm + half.z);
     let mut views = Vec::new();
@@ -164,7 +170,7 @@ fn pick_faces(rng: &mut Rng, plan: Plan) -> Vec<usize> {
     if rng.chance(0.5) {
         pair.swap(0, 1);
     }
-    if plan == Plan::Box { pair.to_vec() } else { vec![pair[0]] }
+    if matches!(plan, Plan::Box | Plan::Twins) { pair.to_vec() } else { vec![pair[0]] }
 }
 
 fn bulges(rng: &mut Rng, half: &Vector3<f64>) -> [f32; FACES] {
@@ -186,7 +192,11 @@ fn view(
 ) -> Option<View> {
     let size = face_half(half, face).map(|h| 2.0 * h);
     for _ in 0..14 {
-        let cam_from_face = random_orientation(rng, face != 4, 40.0);
+        let most_deg = if plan == Plan::Twins { 50.0 } else { 40.0 };
+        let cam_from_face = random_orientation(rng, face != 4, most_deg);
+        if plan == Plan::Twins && cam_from_face[(2, 2)] > f64::to_radians(20.0).cos() {
+            continue; // looks too straight at the face to see others
+        }
         let pose = match plan {
             Plan::Refused(reason) => place_unmeasurable(rng, head, size, cam_from_face, reason),
             _ => place_face(rng, head, size, cam_from_face),

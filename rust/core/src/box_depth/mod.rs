@@ -1,0 +1,233 @@
+//! How far a box reaches behind a measured face, read from the stripes on the faces beside it: what settles A x A x B.
+//!
+//! Both frames show A x B (A > B). Either they share A, and the box is A x B x B; or they share B, and it is A x A x B. Which
+//! sides meet is not seen in a face itself, but what lies behind it differs: **behind both faces the box is B deep in the
+//! first case and A deep in the second**, and every face beside a measured one reaches that deep, whichever of its sides it
+//! shares. In an oblique view such a face is seen. A stripe goes on over it, bent at the shared edge: it stays in its laser's
+//! plane and lies on the plane through the edge at a right angle to the measured face, so it is predicted to some px
+//! ([`trail`]); where it ends is the depth. A laser's plane nearly holds the line of sight, so it runs straight to the far end.
+//!
+//! Each stripe can show three things: it ends at the nearer depth B, it ends at the farther depth A, or it passes B without a
+//! gap. B is settled by two stripes that end there and none that says otherwise. A is settled if in both frames a stripe
+//! passes B or ends at A, one at least does either, and none ends at B: the frames look along two different sides of the box, and
+//! what lengthens one of them (a pallet, a box beneath) does not lengthen the other.
+//!
+//! What else could be there, and why it is not taken for it:
+//! - nothing, or texture: the stripe must stand out against the same filter along lines beside it (which has texture's
+//!   scatter, and its correlation along the line), allowing for all lines that were tried ([`FALSE_ALARM`]);
+//! - a flush face that goes on straight, the floor, a wall: their stripes leave the predicted line at an angle. How much later
+//!   they seem to end ([`Trail::late_mm`]) must be less than half of the nearer depth at the edge, and less than what the two
+//!   depths differ behind it; and the stripe must begin at the edge;
+//! - a flush box or pallet behind that carries the stripe on: the seam interrupts it at B, it would have to be there behind both
+//!   faces, and to end at A; where A is a multiple of B, equal boxes in a row do, so such a pair is never settled as A deep;
+//! - a stripe that is lost early or hidden in between (print, tape, a shadow): it must end at one depth and not at the other at
+//!   odds that all stripes add up to ([`LEAST_LOG_ODDS`]), and one that ends elsewhere before the farther depth says nothing.
+
+#[cfg(test)]
+mod tests;
+mod trail;
+
+use crate::calibration::Calibration;
+use crate::image::Frame;
+use crate::measurement::{BoxMeasurement, DepthSeen, FaceMeasurement};
+use crate::stripe::tint::measure_tints;
+use crate::stripe::trace::{StripeLine, measure_half_width_px};
+use crate::units::{Estimate, LaserId};
+use std::ops::Range;
+use trail::{Paper, Place, Trail};
+
+/// Probability that noise alone looks like a stripe on any of the lines that are tried for one stripe.
+const FALSE_ALARM: f64 = 1e-4;
+/// Natural logarithm of the odds between the two depths that all stripes together must tell (10,000 to 1) ...
+const LEAST_LOG_ODDS: f64 = 9.2;
+/// ... and that a stripe must tell to count, for or against: more than one place can.
+const LEAST_OF_ONE: f64 = 2.0;
+/// Stripes that must agree: one alone may end at print or tape.
+const LEAST_STRIPES: usize = 2;
+/// What one place counts at most, natural logarithm: print hides a stripe on one place in seven, and on one in fifty something
+/// else looks like one.
+const HIDDEN: f64 = -1.9;
+const PRETENDED: f64 = 3.9;
+/// Neighbouring places share print: one in two is independent.
+const SHARED: f64 = 2.0;
+/// The end of a stripe is seen if it is gone behind it at odds of 20 to 1.
+const END_SEEN: f64 = 3.0;
+/// A stripe that is dimmer than this share of what it is around has a gap: roundings of two edges take 2 to 8 mm of it, a place
+/// is about as long.
+const LEAST_LIGHT: f64 = 0.6;
+/// An end may lie this far from a depth, mm: rounding of two edges (4 mm) and a bulge ...
+const END_MM: f64 = 6.0;
+/// ... and this share of it: the neighbouring face's angle (half a degree) changes the depth that a place seems to have.
+const END_SHARE: f64 = 0.012;
+
+/// Which of two candidates the frames show, and the depth that says so; `None` if they do not tell.
+pub(crate) fn settle(
+    calibration: &Calibration,
+    frames: [&Frame; 2],
+    faces: [&FaceMeasurement; 2],
+    candidates: &[BoxMeasurement; 2],
+) -> Option<(usize, DepthSeen)> {
+    let sides = |b: &BoxMeasurement| [b.length, b.width, b.height];
+    let face_mm = 0.5 * faces.iter().map(|f| f.length.value_mm + f.width.value_mm).sum::<f64>();
+    // What is left of the three sides after those of the face.
+    let behind = candidates.each_ref().map(|c| sides(c).iter().map(|s| s.value_mm).sum::<f64>() - face_mm);
+    let nearer = usize::from(behind[1] < behind[0]);
+    let depths = Depths { near_mm: behind[nearer], far_mm: behind[1 - nearer] };
+    let of_frame = |i: usize| stripes_beside(calibration, frames[i], faces[i], &depths);
+    let of_frames = [of_frame(0), of_frame(1)];
+    let seen: Vec<Seen> = of_frames.iter().flatten().copied().collect();
+    let count = |end: End| seen.iter().filter(|s| s.end == end).count();
+    let passing = seen.iter().any(|s| s.passes);
+    let deeper = of_frames.iter().all(|seen| seen.iter().any(|s| s.passes || s.end == End::Far));
+    let log_odds = seen.iter().map(|s| s.log_odds).sum();
+    if log_odds < LEAST_LOG_ODDS {
+        return None;
+    }
+    let deep = match (count(End::Near), count(End::Far)) {
+        (near, 0) if near >= LEAST_STRIPES && !passing => false,
+        (0, 1..) if passing && deeper => true,
+        _ => return None,
+    };
+    let at_end = || seen.iter().filter(|s| s.end != End::Beyond);
+    let weight: f64 = at_end().map(|s| s.sigma_mm.powi(-2)).sum();
+    let depth_mm = at_end().map(|s| s.depth_mm * s.sigma_mm.powi(-2)).sum::<f64>() / weight;
+    let settled =
+        DepthSeen { depth: Estimate::new(depth_mm, weight.sqrt().recip()), log_odds, stripes: seen.len() };
+    Some((if deep { 1 - nearer } else { nearer }, settled))
+}
+
+/// The two depths between which is to be told, mm.
+#[derive(Clone, Copy, Debug)]
+struct Depths {
+    near_mm: f64,
+    far_mm: f64,
+}
+
+/// Where a stripe ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum End {
+    Near,
+    Far,
+    /// Somewhere behind the nearer depth.
+    Beyond,
+}
+
+/// What one stripe on a neighbouring face says.
+#[derive(Clone, Copy, Debug)]
+struct Seen {
+    end: End,
+    /// It goes through the nearer depth without a gap.
+    passes: bool,
+    depth_mm: f64,
+    sigma_mm: f64,
+    log_odds: f64,
+}
+
+/// What the stripes beside one face say; those that say nothing are left out.
+fn stripes_beside(
+    calibration: &Calibration,
+    frame: &Frame,
+    face: &FaceMeasurement,
+    depths: &Depths,
+) -> Vec<Seen> {
+    // How the stripes look on the face itself.
+    let on_face = LaserId::ALL.map(|id| {
+        let line = StripeLine::new(calibration, id, &face.plane);
+        let [p, q] = face.key_points_px[id.index()];
+        let (first, last) = if line.walk.along(p) <= line.walk.along(q) { (p, q) } else { (q, p) };
+        (line, line.walk.along(first)..line.walk.along(last), first)
+    });
+    let tints = measure_tints(frame, calibration, &on_face);
+    let Some(foot_px) = measure_half_width_px(frame, calibration, &on_face, &tints) else {
+        return Vec::new();
+    };
+    let mut all = Vec::new();
+    for side in 0..4 {
+        for id in LaserId::ALL {
+            let paper = Paper { calibration, frame, tint: tints[id.index()], foot_px };
+            let most_mm = 1.5 * depths.far_mm + 10.0 * END_MM;
+            let trail = Trail::new(&paper, face, side, id, most_mm);
+            all.extend(trail.and_then(|trail| look(&trail, &paper, depths)));
+        }
+    }
+    all
+}
+
+/// What one trail shows, if anything.
+fn look(trail: &Trail, paper: &Paper, depths: &Depths) -> Option<Seen> {
+    let Depths { near_mm, far_mm } = *depths;
+    let lit = trail.brightest(paper, near_mm)?;
+    // The largest of so many normal values is larger than this once in 1 / FALSE_ALARM times.
+    let needed = (2.0 * (lit.tried as f64 / FALSE_ALARM).ln()).sqrt();
+    if lit.significance < needed {
+        return None;
+    }
+    let places = &lit.places;
+    let usual = lit.usual;
+    // It begins at the edge.
+    let of_first = |p: &&Place| p.depth_mm < 0.25 * near_mm;
+    if mean(places.iter().filter(of_first).map(|p| p.strength))? < 0.5 * usual {
+        return None;
+    }
+    // Logarithm of the odds that it goes on at least to each place.
+    let mut sum = 0.0;
+    let odds: Vec<f64> = places
+        .iter()
+        .map(|p| {
+            let gain = usual * p.strength - 0.5 * usual * usual;
+            sum += gain.clamp(HIDDEN, PRETENDED) / SHARED;
+            sum
+        })
+        .collect();
+    let end = (0..odds.len()).max_by(|a, b| odds[*a].total_cmp(&odds[*b]))?;
+    let (depth_mm, step_mm) = (places[end].depth_mm, places[end].step_mm);
+    let (most, last) = (odds[end], odds.len() - 1);
+    let odds_at = |depth_mm: f64| odds[places.partition_point(|p| p.depth_mm <= depth_mm).min(last)];
+    let slack_mm = |depth_mm: f64| END_MM + END_SHARE * depth_mm + 2.0 * step_mm;
+    let latest_mm = |depth_mm: f64| depth_mm + slack_mm(depth_mm) + trail.late_mm(depth_mm);
+    let from_far_mm = far_mm - slack_mm(far_mm);
+    // A face that goes on straight must be told from this one, and the depths from each other.
+    if trail.late_mm(0.0) > 0.5 * near_mm || near_mm + slack_mm(near_mm) > from_far_mm {
+        return None;
+    }
+    let near = near_mm - slack_mm(near_mm)..latest_mm(near_mm).min(from_far_mm);
+    let far = from_far_mm.max(latest_mm(near_mm))..latest_mm(far_mm);
+    let end_seen = most - odds[last] >= END_SEEN;
+    // Of this end against the other one.
+    let (end, log_odds) = if near.contains(&depth_mm) && end_seen {
+        (End::Near, most - odds_at(far_mm - END_MM - END_SHARE * far_mm))
+    } else if depth_mm >= latest_mm(near_mm) {
+        // Equal boxes in a row would end at the farther depth as well.
+        let rows = far_mm / near_mm;
+        let in_a_row = (rows - rows.round()).abs() * near_mm <= 2.0 * slack_mm(far_mm);
+        let at_far = far.contains(&depth_mm) && end_seen && !in_a_row;
+        (if at_far { End::Far } else { End::Beyond }, most - odds_at(latest_mm(near_mm)))
+    } else {
+        return None;
+    };
+    let seam_mm = near_mm - slack_mm(near_mm)..near_mm + slack_mm(near_mm);
+    let passes = end != End::Near && passes(places, &seam_mm);
+    let sigma_mm = 0.5 * slack_mm(depth_mm);
+    let tells = log_odds >= LEAST_OF_ONE && (passes || end != End::Beyond);
+    tells.then_some(Seen { end, passes, depth_mm, sigma_mm, log_odds })
+}
+
+/// Whether the stripe goes through this range of depths without a gap, such as the seam between two flush boxes is.
+fn passes(places: &[Place], range: &Range<f64>) -> bool {
+    let mid = 0.5 * (range.start + range.end);
+    let around = 3.0 * (range.end - mid);
+    let lights =
+        |reach_mm: f64| places.iter().filter(move |p| (p.depth_mm - mid).abs() <= reach_mm).map(|p| p.light);
+    let mut usual: Vec<f64> = lights(around).collect();
+    if usual.is_empty() {
+        return false;
+    }
+    let half = usual.len() / 2;
+    let usual = *usual.select_nth_unstable_by(half, f64::total_cmp).1;
+    lights(range.end - mid).all(|light| light > LEAST_LIGHT * usual)
+}
+
+fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let (sum, count) = values.fold((0.0, 0), |(s, n), v| (s + v, n + 1));
+    (count > 0).then(|| sum / f64::from(count))
+}

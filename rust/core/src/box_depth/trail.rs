@@ -1,0 +1,331 @@
+//! One stripe on the face beside a measured one: where it must be seen, and how strongly it is.
+
+use crate::calibration::Calibration;
+use crate::frames::Point;
+use crate::image::Frame;
+use crate::measurement::FaceMeasurement;
+use crate::stripe::tint::Tint;
+use crate::units::LaserId;
+use nalgebra::{Matrix2, Vector2, Vector3};
+
+/// The frame and how a stripe looks on it.
+pub(super) struct Paper<'a> {
+    pub calibration: &'a Calibration,
+    pub frame: &'a Frame,
+    pub tint: Tint,
+    /// Half the stripe's width at its foot, px.
+    pub foot_px: f64,
+}
+
+/// Rows along the trail that are added to one place, px: the stripe's end is told to that.
+const PLACE_PX: usize = 4;
+/// The neighbouring face is seen at this angle at least (cosine to its normal, 6 degrees of grazing).
+const LEAST_COS: f64 = 0.1;
+/// How far the neighbouring face may lie from where it is expected at the edge (rounding, 4 mm), and how much it may stand from
+/// a right angle, rad (three times half a degree).
+const OFF_MM: f64 = 4.0;
+const OFF_RAD: f64 = 0.027;
+/// A peak this far from the line is another surface's, px: more than noise (0.5 px) and a bulge of some mm move it.
+const NEAR_PX: f64 = 1.5;
+/// Strengths beyond this count no more, in sigmas.
+const MOST: f64 = 6.0;
+/// Noise of the filter that is always there, grey levels: JPEG's steps.
+const FLOOR: f64 = 0.5;
+/// Fewest places up to the nearer depth.
+const LEAST_PLACES: usize = 12;
+
+/// A stripe's predicted way over a neighbouring face.
+pub(super) struct Trail {
+    steps: Vec<Step>,
+}
+
+/// A place on the way.
+#[derive(Clone, Copy, Debug)]
+struct Step {
+    depth_mm: f64,
+    step_mm: f64,
+    at: Vector2<f64>,
+    /// Unit vectors in the image along the way and across it.
+    along: Vector2<f64>,
+    across: Vector2<f64>,
+    /// How the stripe moves across when the surface moves outwards, px per mm.
+    px_per_mm: f64,
+    /// Sine of the angle to a stripe that goes on parallel to the measured face: a flush one at the edge, the floor beyond.
+    sin_bend: f64,
+}
+
+/// One place with what was seen there.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Place {
+    /// Behind the measured face, mm.
+    pub depth_mm: f64,
+    /// To the next place, mm.
+    pub step_mm: f64,
+    /// In sigmas of what lies beside it, clipped.
+    pub strength: f64,
+    /// The same in grey levels.
+    pub light: f64,
+}
+
+/// The strongest line near the predicted one.
+pub(super) struct Lit {
+    pub places: Vec<Place>,
+    /// Median strength up to the nearer depth.
+    pub usual: f64,
+    /// Of the sum up to there, in sigmas of such sums along lines beside it.
+    pub significance: f64,
+    /// Lines tried.
+    pub tried: usize,
+}
+
+impl Trail {
+    /// The way of a laser's stripe beyond side `side` (corner `side` to the next one) of a face, up to `most_mm` behind it or to
+    /// where it leaves the image. `None` if the stripe does not cross the side or the face beyond is not seen.
+    pub fn new(
+        paper: &Paper,
+        face: &FaceMeasurement,
+        side: usize,
+        id: LaserId,
+        most_mm: f64,
+    ) -> Option<Self> {
+        let corners = face.corners.map(|c| c.mm);
+        let (from, to) = (corners[side], corners[(side + 1) % 4]);
+        let centre = corners.iter().sum::<Vector3<f64>>() * 0.25;
+        let middle = (from + to) * 0.5;
+        let edge = to - from;
+        let (inwards, _) = face.plane.normal_and_distance_mm();
+        let out = edge.cross(&inwards).try_normalize(1e-9)?;
+        let out = if out.dot(&(middle - centre)) > 0.0 { out } else { -out };
+        if -middle.normalize().dot(&out) < LEAST_COS {
+            return None;
+        }
+        let laser = paper.calibration.laser(id).per_mm;
+        let share = (1.0 - laser.dot(&from)) / laser.dot(&edge);
+        if !(0.0..=1.0).contains(&share) {
+            return None;
+        }
+        let start = from + edge * share;
+        // In the laser's plane: over the neighbouring face, per mm of depth; over a surface parallel to the measured one, per mm
+        // outwards.
+        let down = laser.cross(&out);
+        let down = down / Some(down.dot(&inwards)).filter(|d| d.abs() > 1e-6 * down.norm())?;
+        let on = laser.cross(&inwards);
+        let on = on / Some(on.dot(&out)).filter(|d| d.abs() > 1e-6 * on.norm())?;
+        let per_mm = edge.dot(&down) / edge.norm_squared();
+        let px = |x: Vector3<f64>| {
+            let px = paper.calibration.camera().px_from_point(&Point::from_vector(x))?;
+            Some(Vector2::new(px.u, px.v))
+        };
+        let reach = paper.reach_px() as f64 + PLACE_PX as f64;
+        let (right, bottom) = (paper.frame.width_px() as f64 - 1.0, paper.frame.height_px() as f64 - 1.0);
+        let inside =
+            |p: Vector2<f64>| p.x > reach && p.y > reach && p.x < right - reach && p.y < bottom - reach;
+        let mut steps = Vec::new();
+        let mut depth_mm = 0.0;
+        // The face beside ends where the edge ends.
+        while depth_mm < most_mm && (0.0..=1.0).contains(&(share + per_mm * depth_mm)) {
+            let x = start + down * depth_mm;
+            let Some(at) = px(x).filter(|p| inside(*p)) else { break };
+            let way = px(x + down)? - at;
+            let beside = px(x + on)? - at;
+            let Some(along) = way.try_normalize(1e-3) else { break };
+            let across = Vector2::new(-along.y, along.x);
+            let px_per_mm = beside.dot(&across);
+            let step_mm = PLACE_PX as f64 / way.norm();
+            let sin_bend = (px_per_mm / beside.norm().max(1e-9)).abs();
+            steps.push(Step { depth_mm, step_mm, at, along, across, px_per_mm, sin_bend });
+            depth_mm += step_mm;
+        }
+        (!steps.is_empty()).then_some(Self { steps })
+    }
+
+    /// How far a stripe that goes on parallel to the measured face from this depth on is still taken for one on this trail, mm.
+    pub fn late_mm(&self, depth_mm: f64) -> f64 {
+        let at = self.steps.partition_point(|s| s.depth_mm < depth_mm);
+        self.steps
+            .get(at)
+            .map_or(f64::INFINITY, |s| NEAR_PX / s.sin_bend.max(1e-9) / PLACE_PX as f64 * s.step_mm)
+    }
+
+    /// The strongest of all lines on which the stripe may run, judged up to `near_mm`.
+    pub fn brightest(&self, paper: &Paper, near_mm: f64) -> Option<Lit> {
+        let first = self.steps.partition_point(|s| s.depth_mm <= 0.0);
+        let last = self.steps.partition_point(|s| s.depth_mm < near_mm);
+        if last < first + LEAST_PLACES {
+            return None;
+        }
+        let responses: Vec<Response> = self.steps.iter().map(|s| paper.response(s)).collect();
+        let noise: Vec<(f64, f64)> = (0..responses.len()).map(|i| beside(&responses, i, paper)).collect();
+        let strength = |i: usize, offset_px: f64| {
+            let (mean, sigma) = noise[i];
+            ((responses[i].at(offset_px) - mean) / sigma).clamp(-MOST, MOST)
+        };
+        let count = (last - first) as f64;
+        let sum = |offset: &dyn Fn(&Step) -> f64| {
+            (first..last).map(|i| strength(i, offset(&self.steps[i]))).sum::<f64>() / count.sqrt()
+        };
+        let of_line =
+            |(off_mm, off_rad): (f64, f64)| move |s: &Step| (off_mm + off_rad * s.depth_mm) * s.px_per_mm;
+        // Lines half a stripe apart.
+        let gain = self.steps[first..last].iter().map(|s| s.px_per_mm.abs()).fold(0.0, f64::max);
+        let lines = |most_px: f64| (most_px / (0.4 * paper.foot_px)).ceil().clamp(1.0, 12.0) as i32;
+        let (offs, turns) = (lines(OFF_MM * gain), lines(OFF_RAD * near_mm * gain));
+        let mut best: Option<(f64, (f64, f64))> = None;
+        for i in -offs..=offs {
+            for j in -turns..=turns {
+                let line =
+                    (OFF_MM * f64::from(i) / f64::from(offs), OFF_RAD * f64::from(j) / f64::from(turns));
+                let found = sum(&of_line(line));
+                if best.is_none_or(|(most, _)| found > most) {
+                    best = Some((found, line));
+                }
+            }
+        }
+        let (found, line) = best?;
+        // The same sums along lines beside it.
+        let mut others: Vec<f64> = paper.beside_px().map(|offset| sum(&|_| offset).abs()).collect();
+        let half = others.len() / 2;
+        let scatter = *others.select_nth_unstable_by(half, f64::total_cmp).1 / 0.6745;
+        let line = self.refined(line, &responses[..last], first, paper.foot_px)?;
+        let offset = of_line(line);
+        let place = |(i, s): (usize, &Step)| {
+            let offset_px = offset(s);
+            let light = responses[i].at(offset_px) - noise[i].0;
+            let peak_px = responses[i].peak_px(offset_px, 0.7 * paper.foot_px);
+            let on_line = peak_px.is_some_and(|p| (p - offset_px).abs() <= NEAR_PX);
+            let strength = if on_line { strength(i, offset_px) } else { 0.0 };
+            Place { depth_mm: s.depth_mm, step_mm: s.step_mm, strength, light }
+        };
+        let places: Vec<Place> = self.steps.iter().enumerate().map(place).collect();
+        let mut up_to: Vec<f64> = places[first..last].iter().map(|p| p.strength).collect();
+        let middle = up_to.len() / 2;
+        let usual = *up_to.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let tried = ((2 * offs + 1) * (2 * turns + 1)) as usize;
+        (usual > 0.0).then_some(Lit { places, usual, significance: found / scatter.max(1.0), tried })
+    }
+}
+
+impl Trail {
+    /// The line through the peaks near a line, with what is known of neighbouring faces beforehand: (off, turn).
+    fn refined(
+        &self,
+        (mut off_mm, mut off_rad): (f64, f64),
+        responses: &[Response],
+        first: usize,
+        foot_px: f64,
+    ) -> Option<(f64, f64)> {
+        for near_px in [0.7 * foot_px, 0.5 * foot_px, NEAR_PX, NEAR_PX] {
+            let mut normal = Matrix2::from_diagonal(&Vector2::new(OFF_MM.powi(-2), OFF_RAD.powi(-2)));
+            let mut right = Vector2::zeros();
+            for (s, response) in self.steps.iter().zip(responses).skip(first) {
+                let row = Vector2::new(s.px_per_mm, s.px_per_mm * s.depth_mm);
+                let here_px = row.dot(&Vector2::new(off_mm, off_rad));
+                let peak_px = response.peak_px(here_px, near_px.max(0.5 * foot_px));
+                if let Some(peak_px) = peak_px.filter(|p| (p - here_px).abs() <= near_px) {
+                    // One px a place: neighbours share texture.
+                    normal += row * row.transpose();
+                    right += row * peak_px;
+                }
+            }
+            let solved = normal.cholesky()?.solve(&right);
+            (off_mm, off_rad) = (solved.x, solved.y);
+        }
+        Some((off_mm, off_rad))
+    }
+}
+
+/// The filter's output across one place, one value a px.
+struct Response {
+    values: Vec<f64>,
+    middle: f64,
+}
+
+impl Response {
+    /// The nearest value.
+    fn at(&self, offset_px: f64) -> f64 {
+        let last = self.values.len() - 1;
+        self.values[((offset_px + self.middle).round().max(0.0) as usize).min(last)]
+    }
+}
+
+impl Response {
+    /// Where it is largest within `reach_px` of an offset, by a parabola; `None` if it only grows towards one end.
+    fn peak_px(&self, offset_px: f64, reach_px: f64) -> Option<f64> {
+        let place = |offset: f64| {
+            ((offset + self.middle).round().max(1.0) as usize).min(self.values.len().saturating_sub(2))
+        };
+        let (from, to) = (place(offset_px - reach_px), place(offset_px + reach_px));
+        let top = (from..=to).max_by(|a, b| self.values[*a].total_cmp(&self.values[*b]))?;
+        let [left, here, right] = [top - 1, top, top + 1].map(|k| self.values[k]);
+        let bend = left - 2.0 * here + right;
+        (left <= here && right <= here && bend < 0.0)
+            .then(|| top as f64 - self.middle + 0.5 * (left - right) / bend)
+    }
+}
+
+/// Mean and standard deviation of the filter beside the trail around place `i`, robust.
+fn beside(responses: &[Response], i: usize, paper: &Paper) -> (f64, f64) {
+    let around = &responses[i.saturating_sub(4)..(i + 5).min(responses.len())];
+    let mut values: Vec<f64> = around.iter().flat_map(|r| paper.beside_px().map(|o| r.at(o))).collect();
+    let middle = values.len() / 2;
+    if values.is_empty() {
+        return (0.0, f64::INFINITY);
+    }
+    let median = *values.select_nth_unstable_by(middle, f64::total_cmp).1;
+    values.iter_mut().for_each(|v| *v = (*v - median).abs());
+    let spread = *values.select_nth_unstable_by(middle, f64::total_cmp).1 / 0.6745;
+    (median, spread.max(FLOOR))
+}
+
+impl Paper<'_> {
+    /// Half widths in which the filter is built, px: the stripe's core, and where what lies beside it begins and ends.
+    fn widths_px(&self) -> [usize; 3] {
+        [0.5, 1.2, 2.2].map(|share| (share * self.foot_px).round().max(1.0) as usize)
+    }
+
+    /// Farthest line beside the trail, px.
+    fn most_px(&self) -> f64 {
+        (6.0 * self.foot_px).max(24.0)
+    }
+
+    /// Pixels across the trail that are looked at.
+    fn reach_px(&self) -> usize {
+        self.most_px().ceil() as usize + self.widths_px()[2] + 1
+    }
+
+    /// Lines beside the trail that the stripe does not touch, px.
+    fn beside_px(&self) -> impl Iterator<Item = f64> + use<> {
+        let (foot, most) = (self.foot_px, self.most_px());
+        let steps =
+            (1..).map(move |k| 2.5 * foot + 0.75 * foot * f64::from(k)).take_while(move |o| *o <= most);
+        steps.flat_map(|o| [o, -o])
+    }
+
+    /// The stripe's core less the brighter of both sides: a step of brightness is no stripe.
+    fn response(&self, step: &Step) -> Response {
+        let reach = self.reach_px();
+        let mut sums = vec![0.0; 2 * reach + 2];
+        let (width, height) = (self.frame.width_px(), self.frame.height_px());
+        for k in 0..=2 * reach {
+            let mut value = 0.0;
+            for row in 0..PLACE_PX {
+                let at = step.at + step.along * row as f64 + step.across * (k as f64 - reach as f64);
+                let (u, v) = (at.x.round().max(0.0) as usize, at.y.round().max(0.0) as usize);
+                let index = v.min(height - 1) * width + u.min(width - 1);
+                value += f64::from(self.tint.at(self.frame.rgb(), index));
+            }
+            sums[k + 1] = sums[k] + value / PLACE_PX as f64;
+        }
+        let [core, near, far] = self.widths_px();
+        let mean = |from: usize, to: usize| (sums[to] - sums[from]) / (to - from) as f64;
+        let values = (far..=2 * reach - far)
+            .map(|k| {
+                let here = mean(k - core, k + core + 1);
+                let left = mean(k - far, k - near);
+                let right = mean(k + near + 1, k + far + 1);
+                here - left.max(right)
+            })
+            .collect();
+        Response { values, middle: (reach - far) as f64 }
+    }
+}

@@ -1,0 +1,70 @@
+//! How far the surface lies from the fitted plane along each stripe: what bends a stripe is a bulge or a dent (physics.md). The
+//! plane has taken up what it could, so heights are against the mean plane, not against the edges.
+
+use super::refine::{FittedRectangle, Row, Source};
+use crate::calibration::Calibration;
+use crate::face::raster::OnPlane;
+use crate::measurement::SurfacePoint;
+use crate::units::Estimate;
+
+/// Pieces of each stripe: a bulge over the whole face is 12 pieces wide.
+const PIECES: usize = 12;
+/// Fewest centres in a piece.
+const FEWEST: usize = 3;
+
+/// Mean height of each piece of each stripe that lies between the corners, in the order of the lasers, along each.
+pub(super) fn surface(
+    calibration: &Calibration,
+    fit: &FittedRectangle,
+    corners: &[OnPlane; 4],
+) -> Vec<SurfacePoint> {
+    let middle = corners.iter().sum::<OnPlane>() * 0.25;
+    let along_length = (corners[1] - corners[0]).normalize();
+    let along_width = (corners[3] - corners[0]).normalize();
+    let mut found = Vec::with_capacity(4 * PIECES);
+    for laser in 0..4 {
+        let of_stripe: Vec<&Row> = fit.rows.iter().filter(|r| r.source == Source::Stripe(laser)).collect();
+        let size = of_stripe.len().div_ceil(PIECES).max(FEWEST);
+        for piece in of_stripe.chunks(size).filter(|p| p.len() >= FEWEST) {
+            let places = piece.iter().filter_map(|r| fit.raster.on_plane(calibration, r.at));
+            let at = places.sum::<OnPlane>() / piece.len() as f64 - middle;
+            let height = height(fit, piece);
+            found.extend(
+                height.map(|height| SurfacePoint {
+                    at_mm: [at.dot(&along_length), at.dot(&along_width)],
+                    height,
+                }),
+            );
+        }
+    }
+    found
+}
+
+/// Median height of some centres: print moves single ones. Its sigma is from their own scatter, neighbours counted as the fit
+/// does.
+fn height(fit: &FittedRectangle, piece: &[&Row]) -> Option<Estimate> {
+    let mut heights: Vec<f64> = piece.iter().map(|r| r.px * height_of_px(fit, r)).collect();
+    let half = heights.len() / 2;
+    let median = *heights.select_nth_unstable_by(half, f64::total_cmp).1;
+    // What the fit's weights say of one centre's variance, px^2, where it has a weight.
+    let (sum, count) = piece
+        .iter()
+        .filter(|r| r.robust > 0.0)
+        .fold((0.0, 0.0), |(s, n), r| (s + r.robust / r.weight * height_of_px(fit, r).powi(2), n + 1.0));
+    let known = if count > 0.0 { sum / count } else { 0.0 };
+    heights.iter_mut().for_each(|h| *h = (*h - median).abs());
+    let scatter = *heights.select_nth_unstable_by(half, f64::total_cmp).1 / 0.6745;
+    // The median has pi / 2 times the variance of the mean.
+    let variance = std::f64::consts::FRAC_PI_2 * known.max(scatter * scatter) / piece.len() as f64;
+    let found = Estimate::new(median, variance.sqrt());
+    (found.value_mm.is_finite() && found.sigma_mm.is_finite()).then_some(found)
+}
+
+/// How far towards the camera a point lies that is seen 1 px across from where the plane predicts its stripe, mm: a plane nearer by h
+/// has q (1 + h / distance), and what is seen there has the opposite residual against the old plane.
+pub(super) fn height_of_px(fit: &FittedRectangle, row: &Row) -> f64 {
+    let q = fit.raster.plane.per_mm;
+    let by_plane = row.derivative_px;
+    let px_per_mm = -(by_plane[0] * q.x + by_plane[1] * q.y + by_plane[2] * q.z) * q.norm();
+    if px_per_mm.abs() > 1e-12 { 1.0 / px_per_mm } else { 0.0 }
+}
