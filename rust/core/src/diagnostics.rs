@@ -44,6 +44,7 @@ pub fn stripe_residuals(
         half_width_px: half_width_px.unwrap_or(HALF_WIDTH_PX),
         tint: Tint::REDNESS,
         estimator,
+        smooth_px: 0.0,
     };
     trace(frame, calibration, &line, range, first, &settings)
         .into_iter()

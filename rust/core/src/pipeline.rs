@@ -5,14 +5,14 @@ use crate::calibration::Calibration;
 use crate::cuboid;
 use crate::edges::{EdgeDetector, hough::HoughDetector, subpixel::GradientDetector};
 use crate::error::{Error, ErrorKind};
-use crate::face::extent::{FaceStripes, follow_stripes, inner_segments};
+use crate::face::extent::{FaceStripes, Sight, follow_stripes, inner_segments};
 use crate::face::map_outline::{MapOutline, map_outline, mask_at_border};
 use crate::face::raster::PlaneRaster;
 use crate::face_lines::view::FacePose;
 use crate::feasibility::Hint;
 use crate::frames::{Cam, Plane};
 use crate::image::Frame;
-use crate::image::redness::{Diagonal, half_redness, ridge_map};
+use crate::image::redness::{Diagonal, RidgeMap, faint_ridge_map, half_redness, ridge_map};
 use crate::measurement::{
     BoxReport, DepthSeen, EdgeMethod, FaceMeasurement, FaceOutcome, Outcome, Settings, StageTimes,
 };
@@ -106,7 +106,8 @@ pub fn measure_face_with_hint(
     let maps = asked_network(settings).map(|network| network.maps(frame)).transpose()?;
     clock.lap("network");
     check_wanted(settings)?;
-    let faces = face_stages(frame, calibration, settings, maps.as_ref(), Which::Best, &mut clock);
+    let task = Task { frame, calibration, settings, maps: maps.as_ref(), which: Which::Best };
+    let faces = face_stages(&task, &mut clock);
     check_wanted(settings)?; // what was cut short is no result
     let face =
         faces.and_then(|faces| faces.into_iter().next().ok_or(Reject::RectangleOpen { sides_found: 0 }));
@@ -132,30 +133,71 @@ fn asked_network<'a>(settings: &Settings<'a>) -> Option<&'a dyn Network> {
     settings.network.filter(|_| settings.edges != EdgeMethod::Gradient)
 }
 
-fn face_stages(
-    frame: &Frame,
-    calibration: &Calibration,
-    settings: &Settings,
-    maps: Option<&FaceMaps>,
+/// What every stage gets.
+#[derive(Clone, Copy)]
+struct Task<'a> {
+    frame: &'a Frame,
+    calibration: &'a Calibration,
+    settings: &'a Settings<'a>,
+    maps: Option<&'a FaceMaps>,
     which: Which,
-    clock: &mut Clock<'_>,
-) -> Result<Vec<FaceMeasurement>, Reject> {
+}
+
+fn face_stages(task: &Task, clock: &mut Clock<'_>) -> Result<Vec<FaceMeasurement>, Reject> {
+    let Task { frame, calibration, maps, .. } = *task;
     let (width, height, redness) = half_redness(frame);
     let diagonals = grid_search::diagonals(calibration);
     let ridges = diagonals.map(|d: Diagonal| ridge_map(width, height, &redness, d));
     clock.lap("ridge");
-    let evidence = LaserId::ALL.map(|id| {
+    let planes =
+        grid_search::find_planes(calibration, &evidence(&ridges, maps), grid_search::IN_RIDGES, PLANES);
+    clock.lap("grid");
+    let refusal = match measure_on_planes(task, &planes, Sight::Clear, clock) {
+        Ok(faces) => return Ok(faces),
+        // Whether a stripe is dark or misses the face is told by the other three.
+        Err(Some(reject)) if !matches!(reject, Reject::NoBox { .. } | Reject::StripeNotFound { .. }) => {
+            return Err(reject);
+        }
+        Err(refusal) => refusal,
+    };
+    let missing = grid_search::three_stripes(calibration, &ridges[0], &ridges[1]);
+    clock.lap("grid");
+    if let Some(laser) = missing {
+        return Err(Reject::StripeMissing { laser, stripes_on_face: 3 });
+    }
+    let seen = clock.seen.take();
+    let faint = diagonals.map(|d: Diagonal| faint_ridge_map(width, height, &redness, d));
+    let evidence = evidence(&faint, maps);
+    let planes = grid_search::find_planes(calibration, &evidence, grid_search::IN_FAINT_RIDGES, PLANES);
+    let planes: Vec<GridHypothesis> =
+        planes.iter().map(|plane| grid_search::climb(calibration, &evidence, plane)).collect();
+    clock.lap("faint");
+    measure_on_planes(task, &planes, Sight::Faint, clock).map_err(|faint| {
+        clock.seen = clock.seen.take().or(seen);
+        faint.or(refusal).unwrap_or_else(|| no_box(0.0))
+    })
+}
+
+/// What speaks for each laser's stripe.
+fn evidence<'a>(ridges: &'a [RidgeMap; 2], maps: Option<&FaceMaps>) -> [Evidence<'a>; 4] {
+    LaserId::ALL.map(|id| {
         let ridge = &ridges[id.index() / 2];
         maps.map_or_else(|| Evidence::ridge(ridge), |maps| Evidence::with_network(ridge, maps, id))
-    });
-    let planes = grid_search::find_planes(calibration, &evidence, PLANES);
-    clock.lap("grid");
+    })
+}
+
+/// The first of the planes that can be measured; else why the strongest cannot, if there is one.
+fn measure_on_planes(
+    task: &Task,
+    planes: &[GridHypothesis],
+    sight: Sight,
+    clock: &mut Clock<'_>,
+) -> Result<Vec<FaceMeasurement>, Option<Reject>> {
     let mut refusal: Option<(f32, Reject)> = None;
     let mut seen = None;
-    for hypothesis in planes.iter().take_while(|_| !unwanted(settings)) {
+    for hypothesis in planes.iter().take_while(|_| !unwanted(task.settings)) {
         clock.seen = None;
-        let result = measure_on_plane(frame, calibration, settings, maps, hypothesis, which, clock);
-        match result {
+        match measure_on_plane(task, hypothesis, sight, clock) {
             Ok(faces) => return Ok(faces),
             Err(reject) => {
                 if refusal.as_ref().is_none_or(|(total, _)| hypothesis.total() > *total) {
@@ -166,33 +208,17 @@ fn face_stages(
         }
     }
     clock.seen = seen;
-    match refusal {
-        // Whether a stripe is dark or misses the face is told by the other three.
-        Some((_, reject)) if !matches!(reject, Reject::NoBox { .. } | Reject::StripeNotFound { .. }) => {
-            Err(reject)
-        }
-        other => {
-            let missing = grid_search::three_stripes(calibration, &ridges[0], &ridges[1]);
-            clock.lap("grid");
-            Err(match (missing, other) {
-                (Some(laser), _) => Reject::StripeMissing { laser, stripes_on_face: 3 },
-                (None, Some((_, reject))) => reject,
-                (None, None) => no_box(0.0),
-            })
-        }
-    }
+    Err(refusal.map(|(_, reject)| reject))
 }
 
 fn measure_on_plane(
-    frame: &Frame,
-    calibration: &Calibration,
-    settings: &Settings,
-    maps: Option<&FaceMaps>,
+    task: &Task,
     hypothesis: &GridHypothesis,
-    which: Which,
+    sight: Sight,
     clock: &mut Clock<'_>,
 ) -> Result<Vec<FaceMeasurement>, Reject> {
-    let inner = inner_segments(frame, calibration, &hypothesis.plane);
+    let Task { frame, calibration, settings, maps, which } = *task;
+    let inner = inner_segments(frame, calibration, &hypothesis.plane, sight);
     clock.lap("stripes");
     let inner = inner.ok_or_else(|| no_box(0.0))?;
     let outline = maps.map(|maps| seen_outline(calibration, &inner.plane, maps)).transpose();
@@ -380,7 +406,8 @@ fn with_alternatives(
 ) -> Option<BoxReport> {
     let mut clock = Clock::new(times);
     let [first, second] = frames.map(|frame| {
-        face_stages(frame, calibration, settings, None, Which::WithAlternatives, &mut clock).ok()
+        let task = Task { frame, calibration, settings, maps: None, which: Which::WithAlternatives };
+        face_stages(&task, &mut clock).ok()
     });
     let (first, second) = (first?, second?);
     let mut found: Option<BoxReport> = None;

@@ -58,6 +58,13 @@ impl FaceStripes {
 
 /// Fewest and most rows in one profile: 4 keep the ends sharp, 64 still follow a line that a tilted face bends.
 const ROWS: std::ops::RangeInclusive<usize> = 4..=64;
+/// Rows for faint stripes: an inner segment has some 300, and a plane needs a dozen centres.
+const FAINT_ROWS: usize = 64;
+/// Across how much of their half width they are averaged, which makes up for the rows.
+const SMOOTH_SHARE: f64 = 0.35;
+/// Smallest peak over noise: what is not the stripe is left out by the plane's fit.
+const LEAST_SNR: f64 = 3.0;
+const LEAST_FAINT_SNR: f64 = 2.0;
 /// Half width of a stripe before it is measured, px: between the narrowest and the widest.
 const FIRST_HALF_WIDTH_PX: f64 = 10.0;
 /// Peak over noise that one profile should reach: at 6 the centre scatters by about a pixel.
@@ -116,6 +123,33 @@ pub(crate) fn crossing_lasers(id: LaserId) -> [LaserId; 2] {
     if id.number() <= 2 { [l3, l4] } else { [l1, l2] }
 }
 
+/// How well the stripes are seen before they are followed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Sight {
+    /// Some rows show them.
+    Clear,
+    /// They are known from sums over whole segments, to some px.
+    Faint,
+}
+
+impl Sight {
+    /// Rows per profile to begin with, and at most.
+    fn rows(self) -> [usize; 2] {
+        match self {
+            Self::Clear => [16, *ROWS.end()],
+            Self::Faint => [FAINT_ROWS; 2],
+        }
+    }
+
+    /// Farthest peak from the prediction in each round, px.
+    fn search_px(self) -> [f64; 3] {
+        match self {
+            Self::Clear => [10.0, 6.0, 4.0],
+            Self::Faint => [6.0, 5.0, 4.0],
+        }
+    }
+}
+
 /// What the inner segments of the four stripes (between their crossings) tell.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct InnerSegments {
@@ -124,6 +158,7 @@ pub(crate) struct InnerSegments {
     rows: [usize; 4],
     tints: [Tint; 4],
     usual: [f64; 4],
+    sight: Sight,
 }
 
 /// Refines the plane of a hypothesis on the inner segments alone: whatever lies around the face cannot mislead them.
@@ -132,15 +167,18 @@ pub(crate) fn inner_segments(
     frame: &Frame,
     calibration: &Calibration,
     start: &Plane<Cam>,
+    sight: Sight,
 ) -> Option<InnerSegments> {
+    let [first_rows, most_rows] = sight.rows();
     let mut inner = InnerSegments {
         plane: *start,
         half_width_px: FIRST_HALF_WIDTH_PX,
-        rows: [16; 4],
+        rows: [first_rows; 4],
         tints: [Tint::REDNESS; 4],
         usual: [0.0; 4],
+        sight,
     };
-    for search_px in [10.0, 6.0, 4.0] {
+    for search_px in sight.search_px() {
         let mut pieces = Vec::with_capacity(4);
         for id in LaserId::ALL {
             pieces.push(inner_segment(calibration, &inner.plane, id)?);
@@ -152,7 +190,7 @@ pub(crate) fn inner_segments(
         for (id, (line, range, from)) in LaserId::ALL.into_iter().zip(pieces) {
             let settings = inner.settings(id, search_px);
             let points = trace(frame, calibration, &line, range, from, &settings);
-            inner.rows[id.index()] = rows_for(&points, settings.rows);
+            inner.rows[id.index()] = rows_for(&points, settings.rows, most_rows);
             traces.push(points);
         }
         inner.usual = usual_amplitudes(&traces)?;
@@ -167,13 +205,15 @@ pub(crate) fn inner_segments(
 
 impl InnerSegments {
     fn settings(&self, id: LaserId, search_px: f64) -> TraceSettings {
+        let faint = self.sight == Sight::Faint;
         TraceSettings {
             rows: self.rows[id.index()],
             search_px,
-            min_signal_to_noise: 3.0,
+            min_signal_to_noise: if faint { LEAST_FAINT_SNR } else { LEAST_SNR },
             half_width_px: self.half_width_px,
             tint: self.tints[id.index()],
             estimator: Estimator::CentreOfGravity,
+            smooth_px: if faint { SMOOTH_SHARE * self.half_width_px } else { 0.0 },
         }
     }
 }
@@ -280,7 +320,7 @@ fn inner_segment(
 }
 
 /// Rows per profile so that the median place reaches the wanted signal to noise.
-fn rows_for(points: &[StripePoint], rows: usize) -> usize {
+fn rows_for(points: &[StripePoint], rows: usize, most: usize) -> usize {
     let mut snr: Vec<f64> =
         points.iter().map(|p| p.found.map_or(1.0, |f| f.amplitude / p.noise.max(1e-3))).collect();
     if snr.is_empty() {
@@ -290,7 +330,7 @@ fn rows_for(points: &[StripePoint], rows: usize) -> usize {
     let median = *snr.select_nth_unstable_by(middle, f64::total_cmp).1;
     let needed = rows as f64 * (WANTED_SNR / median).powi(2);
     let mut power = *ROWS.start();
-    while (power as f64) < needed && power < *ROWS.end() {
+    while (power as f64) < needed && power < most {
         power *= 2;
     }
     power

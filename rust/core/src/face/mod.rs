@@ -2,6 +2,8 @@
 //! ([`raster`]) and its four sides ([`outline`]).
 
 pub(crate) mod extent;
+#[cfg(test)]
+mod faint_tests;
 pub(crate) mod map_outline;
 pub(crate) mod outline;
 pub(crate) mod plane_fit;

@@ -194,6 +194,7 @@ fn collect(
         half_width_px: face.half_width_px,
         tint: Tint::REDNESS,
         estimator: Estimator::CentreOfGravity,
+        smooth_px: 0.0,
     };
     let inside = normal(fit);
     let reference = middle(fit, side);

@@ -40,12 +40,22 @@ const MIN_COS_TILT: f64 = 0.42;
 /// One sample every so many px; the ridge map adds up 10 px along the diagonal already.
 const SAMPLE_PX: f32 = 9.0;
 /// A first look at every so many px, straight (distortion bends a segment by 3 px at most), drops segments whose mean is
-/// below the second number: noise has -0.56 with a scatter of 0.3 then, a stripe worth finding 0.3 and more.
+/// below [`Least::coarse`]: noise has -0.56 with a scatter of 0.3 then, a stripe worth finding 0.3 and more.
 const COARSE_PX: f32 = 36.0;
-const COARSE_LEAST: f32 = -0.25;
-/// A segment weaker than this (sigmas) starts no hypothesis. Pure noise has a mean of -0.56 (a minimum of two) and, with
-/// 45 samples, a scatter of 0.15: 0.05 is four of those above.
-const MIN_SEGMENT: f32 = 0.05;
+/// What a segment must have, sigmas of its map.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Least {
+    coarse: f32,
+    /// A segment weaker than this starts no hypothesis.
+    segment: f32,
+    /// Mean of the four.
+    total: f32,
+}
+
+/// Pure noise has a mean of -0.56 (a minimum of two) and, with 45 samples, a scatter of 0.15: 0.05 is four of those above.
+pub(crate) const IN_RIDGES: Least = Least { coarse: -0.25, segment: 0.05, total: 0.0 };
+/// The faint map's noise has a mean of -0.37 and the same scatter.
+pub(crate) const IN_FAINT_RIDGES: Least = Least { coarse: -0.25, segment: -0.1, total: 0.15 };
 /// No segment that was sampled.
 const NONE: f32 = -9.0;
 
@@ -132,6 +142,7 @@ fn crossing_line(calibration: &Calibration, i: LaserId, j: LaserId) -> ([f64; 2]
 pub(crate) fn find_planes(
     calibration: &Calibration,
     evidence: &[Evidence; 4],
+    least: Least,
     keep: usize,
 ) -> Vec<GridHypothesis> {
     let [l1, l2, l3, l4] = LaserId::ALL;
@@ -167,7 +178,7 @@ pub(crate) fn find_planes(
                 if hi > MAX_RATIO * lo {
                     continue;
                 }
-                if mean_along(map, a, [0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])], b, COARSE_PX) < COARSE_LEAST
+                if mean_along(map, a, [0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])], b, COARSE_PX) < least.coarse
                 {
                     continue;
                 }
@@ -184,10 +195,10 @@ pub(crate) fn find_planes(
     let e3 = table(c13, c23, &evidence[2]);
     let e4 = table(c14, c24, &evidence[3]);
 
-    let mut best = Best::new(keep);
+    let mut best = Best::new(keep, 4.0 * least.total);
     for n13 in 0..levels {
-        let row1: Vec<usize> = (0..levels).filter(|m| e1[n13 * levels + m] > MIN_SEGMENT).collect();
-        let row3: Vec<usize> = (0..levels).filter(|m| e3[n13 * levels + m] > MIN_SEGMENT).collect();
+        let row1: Vec<usize> = (0..levels).filter(|m| e1[n13 * levels + m] > least.segment).collect();
+        let row3: Vec<usize> = (0..levels).filter(|m| e3[n13 * levels + m] > least.segment).collect();
         let x13 = c13.ray(w_of(n13));
         for &n14 in &row1 {
             let x14 = c14.ray(w_of(n14));
@@ -213,7 +224,7 @@ pub(crate) fn find_planes(
                 let n24 = level as usize;
                 let (s2, s4) = (e2[n23 * levels + n24], e4[n14 * levels + n24]);
                 let sum = s1 + s2 + s3 + s4;
-                if s2 <= MIN_SEGMENT || s4 <= MIN_SEGMENT || sum <= best.floor() {
+                if s2 <= least.segment || s4 <= least.segment || sum <= best.floor() {
                     continue;
                 }
                 let middle = (x13 + x14 + x23 + x24) * 0.25;
@@ -225,6 +236,79 @@ pub(crate) fn find_planes(
         }
     }
     best.into_hypotheses()
+}
+
+/// Steps in which a hypothesis is moved to where its evidence is largest, px: from the search's own down to what a ridge map shows.
+const CLIMB_PX: [f64; 4] = [4.0, 2.0, 1.0, 0.5];
+/// Samples there.
+const CLIMB_SAMPLE_PX: f32 = 3.0;
+
+/// Moves a plane to where its four segments have most evidence: the levels of the search are [`STEP_PX`] apart, and where the stripes
+/// are too faint for single profiles nothing else tells better. Three crossings are moved in turn along their lines.
+pub(crate) fn climb(
+    calibration: &Calibration,
+    evidence: &[Evidence; 4],
+    start: &GridHypothesis,
+) -> GridHypothesis {
+    let [l1, l2, l3, l4] = LaserId::ALL;
+    let lines = [(l1, l3), (l1, l4), (l2, l3)].map(|(i, j)| crossing_line(calibration, i, j));
+    let ray = |k: usize, w: f64| {
+        let (origin, slope) = lines[k];
+        Vector3::new(origin[0] + w * slope[0], origin[1] + w * slope[1], 1.0)
+    };
+    let plane_of = |w: &[f64; 3]| {
+        let rows = [0, 1, 2].map(|k| ray(k, w[k]).transpose());
+        Some(Matrix3::from_rows(&rows).try_inverse()? * Vector3::from(*w))
+    };
+    let px = |x: Vector3<f64>| {
+        let at = calibration.camera().px_from_ray(&Ray::new(x.x / x.z, x.y / x.z))?;
+        Some([at.u as f32, at.v as f32])
+    };
+    let strengths = |q: &Vector3<f64>| {
+        let at = |i: LaserId, j: LaserId| {
+            let x = (q - calibration.laser(i).per_mm).cross(&(q - calibration.laser(j).per_mm));
+            (x.z.abs() > 1e-15).then(|| x / x.z)
+        };
+        let mut found = [0.0; 4];
+        for (k, (id, [i, j])) in
+            [(l1, [l3, l4]), (l2, [l3, l4]), (l3, [l1, l2]), (l4, [l1, l2])].into_iter().enumerate()
+        {
+            let (a, b) = (at(id, i)?, at(id, j)?);
+            found[k] = mean_along(&evidence[k], px(a)?, px((a + b) * 0.5)?, px(b)?, CLIMB_SAMPLE_PX);
+        }
+        Some(found)
+    };
+    // Where the first three crossings are now: w = q . x on each line, linear in w.
+    let q = start.plane.per_mm;
+    let mut w = [0, 1, 2].map(|k| {
+        let (at_0, at_1) = (q.dot(&ray(k, 0.0)), q.dot(&ray(k, 1.0)));
+        at_0 / (1.0 - (at_1 - at_0))
+    });
+    let sum = |s: &[f32; 4]| s.iter().sum::<f32>();
+    let Some(mut best) = strengths(&q) else { return *start };
+    let mut plane = q;
+    for step_px in CLIMB_PX {
+        let mut moved = true;
+        for _ in 0..4 {
+            if !std::mem::take(&mut moved) {
+                break;
+            }
+            for k in 0..3 {
+                let per_px = 1.0 / (lines[k].1[0].hypot(lines[k].1[1]) * calibration.camera().fx);
+                for sign in [1.0, -1.0] {
+                    let mut next = w;
+                    next[k] += sign * step_px * per_px;
+                    let Some((q, found)) = plane_of(&next).and_then(|q| Some((q, strengths(&q)?))) else {
+                        continue;
+                    };
+                    if sum(&found) > sum(&best) {
+                        (w, plane, best, moved) = (next, q, found, true);
+                    }
+                }
+            }
+        }
+    }
+    GridHypothesis { plane: Plane::new(plane), strength: best }
 }
 
 /// Mean of the map along the parabola through three pixels, sigmas.
@@ -245,6 +329,8 @@ fn mean_along(map: &Evidence, a: [f32; 2], middle: [f32; 2], b: [f32; 2], every_
 /// The strongest hypotheses so far; a new one replaces those that lie beside it.
 struct Best {
     keep: usize,
+    /// Least sum.
+    least: f32,
     entries: Vec<(f32, [usize; 4], GridHypothesis)>,
 }
 
@@ -252,12 +338,13 @@ struct Best {
 const SAME_LEVELS: usize = 6;
 
 impl Best {
-    fn new(keep: usize) -> Self {
-        Self { keep, entries: Vec::with_capacity(keep + 1) }
+    fn new(keep: usize, least: f32) -> Self {
+        Self { keep, least, entries: Vec::with_capacity(keep + 1) }
     }
 
     fn floor(&self) -> f32 {
-        if self.entries.len() < self.keep { 0.0 } else { self.entries.last().map_or(0.0, |e| e.0) }
+        let full = self.entries.len() >= self.keep;
+        self.entries.last().filter(|_| full).map_or(self.least, |e| e.0)
     }
 
     fn offer(&mut self, sum: f32, levels: [usize; 4], q: Vector3<f64>, strength: [f32; 4]) {

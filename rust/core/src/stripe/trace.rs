@@ -54,10 +54,15 @@ pub(crate) struct TraceSettings {
     pub tint: Tint,
     /// How the centre is found.
     pub estimator: Estimator,
+    /// Across how much each profile is averaged before a peak is looked for, px; 0 for none. More finds fainter light (a stripe
+    /// is then judged by all of its width) and blurs a clear one.
+    pub smooth_px: f64,
 }
 
 /// A peak below this many grey levels of redness is no stripe whatever the noise: JPEG steps are of that size.
 const MIN_AMPLITUDE: f64 = 2.0;
+/// ... where more than a hundred rows are added, which leaves little of such steps.
+const MIN_SMOOTH_AMPLITUDE: f64 = 0.8;
 /// Speckle: the centre of one row scatters by this much (physics.md: 0.2 to 0.4 px), rows decorrelate after 1.5.
 pub(crate) const SPECKLE_PX: f64 = 0.3;
 pub(crate) const SPECKLE_ROWS: f64 = 1.5;
@@ -199,6 +204,11 @@ pub(crate) fn trace(
         let scale = 1.0 / count as f32;
         profile.iter_mut().for_each(|p| *p *= scale);
         let expected = half as f64 + rest / count as f64;
+        let beside = (settings.smooth_px / factor).round() as usize;
+        smooth(&mut profile, beside);
+        // Smoothed noise goes together over so many samples.
+        let together = ((2 * beside + 1) as f64).sqrt();
+        let least = if beside > 0 { MIN_SMOOTH_AMPLITUDE } else { MIN_AMPLITUDE };
         let found = find_peak(
             &profile,
             expected,
@@ -209,7 +219,7 @@ pub(crate) fn trace(
         let noise = found.map_or(0.0, |p| p.noise);
         let found = found
             .filter(|p| {
-                p.amplitude > MIN_AMPLITUDE
+                p.amplitude > least
                     && p.amplitude > settings.min_signal_to_noise * p.noise
                     && (p.position - expected).abs() * factor <= settings.search_px + 1.0
             })
@@ -223,13 +233,24 @@ pub(crate) fn trace(
                 Found {
                     at,
                     residual_px: shift * factor,
-                    sigma_px: (p.sigma * factor).hypot(speckle),
+                    sigma_px: (p.sigma * together * factor).hypot(speckle),
                     amplitude: p.amplitude,
                 }
             });
         points.push(StripePoint { along_px: middle, predicted, found, noise });
     }
     points
+}
+
+/// Averages each sample with so many on either side; the ends keep what they have.
+fn smooth(profile: &mut [f32], beside: usize) {
+    if beside == 0 {
+        return;
+    }
+    let sharp = profile.to_vec();
+    for (p, window) in profile[beside..].iter_mut().zip(sharp.windows(2 * beside + 1)) {
+        *p = window.iter().sum::<f32>() / window.len() as f32;
+    }
 }
 
 /// Offsets across the stripe that the mean profile covers, px: more than twice the widest stripe's foot.
@@ -333,6 +354,7 @@ mod tests {
             half_width_px: 3.0 * width_px,
             tint: Tint::REDNESS,
             estimator,
+            smooth_px: 0.0,
         }
     }
 
