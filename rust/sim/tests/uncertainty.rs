@@ -37,9 +37,12 @@ fn intervals_hold_the_truth_as_often_as_they_say() {
 }
 
 #[test]
-fn a_sigma_that_ignores_drift_is_found_out() {
+fn a_drift_that_nothing_allows_for_is_told() {
     let settings = Settings { drift_rad: 0.0, ..Settings::default() };
     let strong = Conditions { drift_rad: 0.3e-3, ..SOUND };
     let found = Coverage::run(&calibration(), &strong, &settings, 1, 50, || {}).unwrap();
-    assert!(found.sides.coverage() < 0.85, "{found}");
+    // Where no drift is allowed for at all, all four lasers off by 0.3 mrad stand out on nearly every face ...
+    assert!(found.warned[0] * 10 >= found.faces * 9, "{found}");
+    // ... and sigmas then grow with what was seen.
+    assert!(found.sides.coverage() > 0.85, "{found}");
 }

@@ -238,9 +238,8 @@ impl<'a> Problem<'a> {
                 rows.push(self.edge_row(params, &rasters, side, p)?);
             }
         }
-        let (stripe_rows, edge_rows) = rows.split_at_mut(stripes);
-        weigh(stripe_rows, STRIPE_CORRELATION);
-        weigh(edge_rows, EDGE_CORRELATION);
+        debug_assert!(rows[..stripes].iter().all(|r| matches!(r.source, Source::Stripe(_))));
+        weigh_all(&mut rows);
         Some(rows)
     }
 }
@@ -263,6 +262,14 @@ impl Rasters {
         let [a, b, c, d] = moved;
         Some(Self { here: problem.raster(params)?, moved: [a?, b?, c?, d?] })
     }
+}
+
+/// Weighs stripes, which come first, and edges.
+pub(super) fn weigh_all(rows: &mut [Row]) {
+    let stripes = rows.partition_point(|r| matches!(r.source, Source::Stripe(_)));
+    let (stripe_rows, edge_rows) = rows.split_at_mut(stripes);
+    weigh(stripe_rows, STRIPE_CORRELATION);
+    weigh(edge_rows, EDGE_CORRELATION);
 }
 
 /// Robust weights in units of the rows' own scatter; neighbours that say the same count once.

@@ -16,12 +16,12 @@ const CALIBRATION: usize = 18;
 /// First of the tilts of the four lasers.
 pub(super) const TILTS: usize = CALIBRATION;
 /// First of the causes that each frame has for itself: a shift and a turn of each side.
-const EDGES: usize = TILTS + 4;
+pub(super) const EDGES: usize = TILTS + 4;
 /// All causes.
 pub(super) const CAUSES: usize = EDGES + 8;
 /// Blur and demosaicing move edges of unequal brightness, px, 1 sigma; and as much at a side's ends, since what lies
 /// behind it changes along it.
-const EDGE_SYSTEMATIC_PX: f64 = 0.2;
+pub(super) const EDGE_SYSTEMATIC_PX: f64 = 0.2;
 
 /// Effect of one sigma of every cause on every residual, px; one row per [`super::refine::Row`].
 pub(super) struct Causes {
