@@ -139,8 +139,8 @@ const SIDE: usize = 4;
 /// stripe has 0.5 to 2; print beside it has ten.
 const FAINT_CLIP: (f32, f32) = (-1.2, 1.8);
 
-/// As [`ridge_map`] with wider means, for stripes that no pixel shows: 1.7 times the signal to noise of the narrow one, at twice the time,
-/// and thin print looks more like a stripe in it.
+/// As [`ridge_map`] with wider means, for stripes that no pixel shows: 1.7 times the signal to noise of the narrow one if
+/// pixels are independent; thin print looks more like a stripe in it.
 pub(crate) fn faint_ridge_map(width: usize, height: usize, redness: &[i16], diagonal: Diagonal) -> RidgeMap {
     let (margin, reach) = (ALONG / 2, ACROSS + SIDE / 2);
     let mut ridge = vec![0f32; width * height];

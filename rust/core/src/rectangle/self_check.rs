@@ -18,7 +18,7 @@ use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 const LIMIT_1: f64 = 10.83;
 const LIMIT_4: f64 = 18.47;
 /// Whether the stripes lie on one plane is asked twice, each time for one sound face in two thousand: in general (5 degrees of freedom),
-/// and for each laser by itself (1, the largest of four), which sees the same tilt of one laser at 60 % of the chi-square.
+/// and for each laser by itself (1, the largest of four), which sees the tilt of one laser at a smaller chi-square.
 const LIMIT_5: f64 = 22.11;
 const LIMIT_EACH: f64 = 14.71;
 /// A laser is named if no other explains the stripes as well: its chi-square is larger by this (odds of 1 to 20).
