@@ -21,6 +21,13 @@ def boxnet_loss(logits: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
     return CROSS_ENTROPY_SCALE * entropy + DICE_SCALE * dice.mean()
 
 
+@torch.no_grad()
+def frame_costs(logits: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
+    """How far each frame is off: its cross entropy as in `boxnet_loss`."""
+    weight = 1 + target * torch.tensor(LINE_WEIGHT).view(1, -1, 1, 1)
+    return F.binary_cross_entropy_with_logits(logits.float(), target, weight, reduction="none").mean((1, 2, 3))
+
+
 def single_map(labels: torch.Tensor) -> torch.Tensor:
     """The paper's one edge map: the strongest of the four lasers on the face and the face's edges (n, 1, h, w)."""
     return torch.maximum(labels[:, :4].amax(1, keepdim=True), labels[:, 5:6])

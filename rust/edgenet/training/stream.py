@@ -175,13 +175,15 @@ class Batch:
     rgb: np.ndarray  # n, h, w, 3; u8
     labels: np.ndarray  # n, channels, lh, lw; u8
     metas: list[dict] = field(default_factory=list)
+    slots: list[int] = field(default_factory=list)  # their places in the ring
 
 
 class FrameRing:
     """The most recent frames of a renderer, filled by a thread, so that training may visit a frame more than once.
 
     A batch takes 1/`visits` of its frames from those never seen, as long as there are any, and the others at random
-    from the ring. The renderer waits (its pipe fills) when `ahead` frames are unseen, and is started again where it
+    from the ring; of two at random the one that cost more when it was last visited, if hard frames are asked for, which
+    doubles the hardest. The renderer waits (its pipe fills) when `ahead` frames are unseen, and is started again where it
     stopped if it ends. The first batch waits for `minimum` frames.
     """
 
@@ -192,6 +194,7 @@ class FrameRing:
         self.random = random.Random(rng_seed)
         self.filled = self.received = 0
         self.metas: list[dict] = []
+        self.costs = np.zeros(capacity, np.float32)  # of each frame when it was last visited; 0: not known
         self.unseen: deque[int] = deque()
         self.owed = 0.0  # fresh frames that a batch should have had but did not take as whole frames
         self.error: StreamError | None = None
@@ -242,13 +245,14 @@ class FrameRing:
                 self.metas[slot] = frame.meta
             else:
                 self.metas.append(frame.meta)
+            self.costs[slot] = 0
             self.unseen.append(slot)
             self.received += 1
             self.filled = len(self.metas)
             self.next_seed = frame.seed + 1
             self.changed.notify_all()
 
-    def batch(self, size: int) -> Batch:
+    def batch(self, size: int, hard: bool = False) -> Batch:
         with self.changed:
             while self.filled < self.minimum and not self.error:
                 self.changed.wait(1.0)
@@ -258,9 +262,14 @@ class FrameRing:
             fresh = min(int(self.owed), len(self.unseen), size)
             self.owed = min(self.owed - fresh, float(size))
             slots = [self.unseen.popleft() for _ in range(fresh)]
-            slots += [self.random.randrange(self.filled) for _ in range(size - fresh)]
+            slots += [max((self.random.randrange(self.filled) for _ in range(1 + hard)), key=self.costs.__getitem__) for _ in range(size - fresh)]
             self.changed.notify_all()
-            return Batch(self.rgb[slots], self.labels[slots], [self.metas[slot] for slot in slots])
+            return Batch(self.rgb[slots], self.labels[slots], [self.metas[slot] for slot in slots], slots)
+
+    def judge(self, slots: list[int], costs: np.ndarray) -> None:
+        """What frames of a batch cost."""
+        with self.changed:
+            self.costs[slots] = costs
 
     def close(self) -> None:
         self.stopping = True

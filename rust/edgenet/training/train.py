@@ -30,7 +30,7 @@ import checkpoint
 import metrics
 import models
 import pretrained
-from losses import boxnet_loss, side_loss, single_map
+from losses import boxnet_loss, frame_costs, side_loss, single_map
 from stream import DEFAULT_COMMAND, FAKE_COMMAND, Frame, FrameRing, frames
 
 VALIDATION_SEED = 1 << 40  # training seeds stay far below
@@ -53,6 +53,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     p.add_argument("--batch", type=int, default=8)
     p.add_argument("--lr", type=float, default=None, help="default: 4e-3 for boxnet, 1e-3 for the others")
     p.add_argument("--half-share", type=float, default=0.4, help="share of the sitting at half the input size")
+    p.add_argument("--hard-from", type=float, default=1.0, help="share of the sitting after which hard frames come twice as often (boxnet)")
     p.add_argument("--fp32", action="store_true", help="no bf16")
     p.add_argument("--render", default=DEFAULT_COMMAND, help="renderer's command line; {seed} is the first seed")
     p.add_argument("--render-validation", default=None, help="the same for validation frames; default: as --render")
@@ -201,7 +202,8 @@ class Trainer:
 
     def one_step(self, ring: FrameRing, done: float) -> float:
         options = self.options
-        batch = ring.batch(options.batch)
+        hard = self.task.boxnet and done >= options.hard_from
+        batch = ring.batch(options.batch, hard)
         image, labels = image_of(batch.rgb), torch.from_numpy(batch.labels).float().div_(255)
         if done < options.half_share:
             image, labels = halved(image, labels)
@@ -211,6 +213,8 @@ class Trainer:
         with torch.autocast("cpu", torch.bfloat16, enabled=not options.fp32):
             output = self.model(image.contiguous(memory_format=torch.channels_last))
         loss = self.task.loss(output, labels)
+        if hard:
+            ring.judge(batch.slots, frame_costs(output, labels).numpy())
         self.optimizer.zero_grad(set_to_none=True)
         loss.backward()
         norm = nn.utils.clip_grad_norm_(self.model.parameters(), CLIP_NORM)

@@ -3,6 +3,7 @@
 import io
 import sys
 
+import numpy as np
 import pytest
 
 np = pytest.importorskip("numpy")
@@ -116,6 +117,14 @@ def test_the_ring_keeps_recent_frames_and_visits_them_again():
         assert ring.filled <= 16
         assert ring.received <= 40 * 4 / 2 + 4 + 4  # half of what was asked for, and those ahead
         assert ring.next_seed == ring.received
+
+
+def test_hard_frames_come_about_twice_as_often():
+    with FrameRing(SMALL_FAKE, seed=0, capacity=16, visits=1e9, ahead=16, minimum=16) as ring:
+        ring.judge(list(range(16)), np.arange(16))
+        drawn = np.bincount([s for _ in range(500) for s in ring.batch(8, hard=True).slots], minlength=16)
+        even = np.bincount([s for _ in range(500) for s in ring.batch(8).slots], minlength=16)
+        assert 1.7 < drawn[15] / even.mean() < 2.2 and drawn[0] < 0.3 * even.mean()
 
 
 def test_the_ring_starts_a_finished_renderer_again():
