@@ -121,6 +121,7 @@ def test_the_ring_keeps_recent_frames_and_visits_them_again():
 
 def test_hard_frames_come_about_twice_as_often():
     with FrameRing(SMALL_FAKE, seed=0, capacity=16, visits=1e9, ahead=16, minimum=16) as ring:
+        ring.batch(1)  # waits until it is full
         ring.judge(list(range(16)), np.arange(16))
         drawn = np.bincount([s for _ in range(500) for s in ring.batch(8, hard=True).slots], minlength=16)
         even = np.bincount([s for _ in range(500) for s in ring.batch(8).slots], minlength=16)
