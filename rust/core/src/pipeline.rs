@@ -271,13 +271,13 @@ fn measure_on_plane(
 
 /// Mean probability of an edge along each side that the network must see, and the overlap of the rectangle with its mask: 98
 /// of 100 right outlines of rendered boxes have more. Two sets of `boxline render --held-out --count 60`, without and with print
-/// along edges, gave 0.49 and 0.44, 0.88 and 0.86; the stricter ones hold.
+/// along edges, gave 0.53 and 0.40, 0.89 and 0.85; the stricter ones hold.
 ///
 /// A side with less is right if both stripes leave the plane there, which print cannot make them do; it must still be a line that
 /// the network sees at all (`map_outline::LEAST_EDGE`).
-const MIN_MAP_SUPPORT: f32 = 0.48;
+const MIN_MAP_SUPPORT: f32 = 0.53;
 const MIN_MAP_SUPPORT_AT_ENDS: f32 = 0.15;
-const MIN_MAP_OVERLAP: f32 = 0.88;
+const MIN_MAP_OVERLAP: f32 = 0.89;
 
 /// The face's outline in the maps, if it is clear enough.
 fn seen_outline(

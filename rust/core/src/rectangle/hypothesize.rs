@@ -226,7 +226,7 @@ const SUPPORT_FLUSH: f32 = 0.5;
 const MAP_SUPPORT_FLUSH: f32 = 0.6;
 /// The most of the face that the network may see just beyond a side: 98 of 100 right outlines have less (the same boxes as
 /// for the outline's other limits in the pipeline).
-const MAP_FACE_BEYOND: f32 = 0.3;
+const MAP_FACE_BEYOND: f32 = 0.33;
 /// ... and where they do not and the network has an edge.
 const LEAST_BESIDE_MAP: f32 = 0.2;
 
