@@ -3,7 +3,7 @@
 //! Without a JDK it is skipped, and says so.
 #![allow(clippy::unwrap_used)] // the helpers of tests are tests
 
-use boxline::{Frame, Settings, StageTimes, measure_box};
+use boxline::{Frame, Settings, StageTimes, measure_box_with_hints};
 use boxline_proto::json::{read_calibration, read_recording, report_json};
 use boxline_proto::message::{decode_report, encode_report};
 use std::io::Write;
@@ -63,12 +63,16 @@ fn a_jvm_gets_the_same_bytes_and_typed_failures() {
     };
     let calibration = read_calibration(&recording.calibration_file).unwrap();
     let (a, b) = (frame("a"), frame("b"));
-    let report = measure_box(&a, &b, &calibration, &Settings::default(), &mut StageTimes::new()).unwrap();
+    let (report, hints) =
+        measure_box_with_hints(&a, &b, &calibration, &Settings::default(), &mut StageTimes::new()).unwrap();
     let by_jvm = std::fs::read(&measured).unwrap();
-    assert_eq!(by_jvm, encode_report(&report, ["a", "b"]), "the bytes differ");
+    assert_eq!(by_jvm, encode_report(&report, &hints, ["a", "b"]), "the bytes differ");
     // The same numbers as `boxline measure --json` prints, digit by digit.
-    let (decoded, _) = decode_report(&by_jvm).unwrap();
-    assert_eq!(report_json(&decoded, ["a", "b"]).to_string(), report_json(&report, ["a", "b"]).to_string());
+    let decoded = decode_report(&by_jvm).unwrap();
+    assert_eq!(
+        report_json(&decoded.report, &decoded.hints, ["a", "b"]).to_string(),
+        report_json(&report, &hints, ["a", "b"]).to_string()
+    );
 }
 
 /// The folder with `java` and `javac`.

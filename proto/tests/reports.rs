@@ -1,16 +1,17 @@
 //! Results and the other messages: the JSON object that scripts rely on, and protobuf there and back.
 #![allow(clippy::unwrap_used)] // the helpers of tests are tests
 
+use boxline::feasibility::Move;
 use boxline::frames::{Plane, Point};
 use boxline::measurement::FaceMeasurement;
 use boxline::{
-    AngleEstimate, BoxMeasurement, BoxReport, DepthSeen, ErrorKind, Estimate, FaceOutcome, LaserId, Outcome,
-    Px, Reject, SurfacePoint, Volume, Warning, WarningKind,
+    AngleEstimate, BoxMeasurement, BoxReport, DepthSeen, ErrorKind, Estimate, FaceOutcome, Hint, LaserId,
+    Outcome, Px, Reject, SurfacePoint, Volume, Warning, WarningKind,
 };
 use boxline_proto::json::{face_json, parse_calibration, parse_recording, report_json};
 use boxline_proto::message::{
-    decode_calibration, decode_recording, decode_report, encode_calibration, encode_recording, encode_report,
-    v1,
+    DecodedReport, decode_calibration, decode_recording, decode_report, encode_calibration, encode_recording,
+    encode_report, v1,
 };
 use proptest::prelude::*;
 use prost::Message;
@@ -58,6 +59,11 @@ fn report(outcome: Outcome) -> BoxReport {
     BoxReport { outcome, faces: [FaceOutcome::Measured(Box::new(face())), rejected], warnings, settled }
 }
 
+/// For the rejected one of its two faces.
+fn hints() -> [Option<Hint>; 2] {
+    [None, Some(Hint { moves: vec![Move::RollClockwise(0.2), Move::Closer(Some(200.0))] })]
+}
+
 fn every_reject() -> Vec<Reject> {
     let laser = LaserId::new(3).unwrap();
     vec![
@@ -98,6 +104,7 @@ fn a_measured_box_as_json() {
         "plane": {"normal": [0.0, 0.0, 1.0], "distance_mm": 1000.0}, "rms_px": 0.4, "reject": null,
         "corner_angles_rad": corner_angles,
         "warnings": warning_entries, "surface_mm": [[-20.0, 30.5, 1.25, 0.125]],
+        "hint": null,
     });
     let reject = json!({"reason": "rectangle_open", "sides_found": 3.0,
                         "text": "only 3 of 4 sides of the face were found"});
@@ -105,6 +112,8 @@ fn a_measured_box_as_json() {
         "frame": "b", "outcome": "rejected", "length_mm": null, "width_mm": null, "corners_px": null,
         "key_points_px": null, "plane": null, "rms_px": null, "reject": reject,
         "corner_angles_rad": null, "warnings": [], "surface_mm": [],
+        "hint": {"text": "roll the head by 11 degrees clockwise, go 20 cm closer", "moves": [
+            {"move": "roll", "clockwise_rad": 0.2}, {"move": "closer", "by_mm": 200.0}]},
     });
     let measured = report(Outcome::Measured(sides(300.0)));
     let expected = json!({
@@ -115,9 +124,9 @@ fn a_measured_box_as_json() {
         "warnings": [between],
         "settled": {"depth_mm": estimate(300.5, 2.0), "log_odds": 14.5, "stripes": 3},
     });
-    assert_eq!(report_json(&measured, ["a", "b"]), expected);
+    assert_eq!(report_json(&measured, &hints(), ["a", "b"]), expected);
     assert!(
-        report_json(&measured, ["a", "b"]).to_string().starts_with("{\"outcome\":"),
+        report_json(&measured, &hints(), ["a", "b"]).to_string().starts_with("{\"outcome\":"),
         "people read it from the top"
     );
 
@@ -127,13 +136,13 @@ fn a_measured_box_as_json() {
         "height_mm": null, "volume_m3": null, "candidates": [], "reject": null, "faces": [entry], "warnings": [],
         "settled": null,
     });
-    assert_eq!(face_json(&measured.faces[0], "a"), expected);
+    assert_eq!(face_json(&measured.faces[0], None, "a"), expected);
     let expected = json!({
         "outcome": "rejected", "length_mm": null, "width_mm": null, "height_mm": null, "volume_m3": null,
         "candidates": [], "reject": reject, "faces": [rejected], "warnings": [],
         "settled": null,
     });
-    assert_eq!(face_json(&measured.faces[1], "b"), expected);
+    assert_eq!(face_json(&measured.faces[1], hints()[1].as_ref(), "b"), expected);
 }
 
 fn warning_entry(kind: WarningKind) -> Value {
@@ -150,7 +159,7 @@ fn warning_entry(kind: WarningKind) -> Value {
 
 #[test]
 fn ambiguous_and_rejected_boxes_as_json() {
-    let both = report_json(&report(Outcome::Ambiguous([sides(300.0), sides(350.5)])), ["a", "b"]);
+    let both = report_json(&report(Outcome::Ambiguous([sides(300.0), sides(350.5)])), &hints(), ["a", "b"]);
     assert_eq!(
         (&both["outcome"], &both["length_mm"], &both["reject"]),
         (&json!("ambiguous"), &Value::Null, &Value::Null)
@@ -158,7 +167,7 @@ fn ambiguous_and_rejected_boxes_as_json() {
     assert_eq!(both["candidates"][1]["height_mm"], estimate(350.5, 0.1));
     assert_eq!(both["candidates"].as_array().unwrap().len(), 2);
     for reject in every_reject() {
-        let object = report_json(&report(Outcome::Rejected(reject.clone())), ["a", "b"]);
+        let object = report_json(&report(Outcome::Rejected(reject.clone())), &hints(), ["a", "b"]);
         assert_eq!(object["reject"]["reason"], reject.reason());
         assert_eq!(object["reject"]["text"], reject.to_string());
         for (name, value) in reject.numbers() {
@@ -170,7 +179,7 @@ fn ambiguous_and_rejected_boxes_as_json() {
 #[test]
 fn a_number_that_is_not_finite_is_null() {
     let face = FaceMeasurement { rms_px: f64::NAN, ..face() };
-    let object = face_json(&FaceOutcome::Measured(Box::new(face)), "a");
+    let object = face_json(&FaceOutcome::Measured(Box::new(face)), None, "a");
     assert_eq!(object["faces"][0]["rms_px"], Value::Null);
 }
 
@@ -181,9 +190,26 @@ fn reports_there_and_back() {
     outcomes.extend(every_reject().into_iter().map(Outcome::Rejected));
     for outcome in outcomes {
         let report = report(outcome);
-        let bytes = encode_report(&report, ["a", "b"]);
-        assert_eq!(decode_report(&bytes).unwrap(), (report, ["a".to_owned(), "b".to_owned()]));
+        let bytes = encode_report(&report, &hints(), ["a", "b"]);
+        let frame_ids = ["a".to_owned(), "b".to_owned()];
+        assert_eq!(decode_report(&bytes).unwrap(), DecodedReport { report, hints: hints(), frame_ids });
     }
+}
+
+#[test]
+fn every_move_there_and_back() {
+    let moves = vec![
+        Move::Closer(Some(120.5)),
+        Move::Closer(None),
+        Move::Farther(Some(80.0)),
+        Move::Farther(None),
+        Move::RollClockwise(-0.5),
+        Move::Aim { right_rad: 0.25, down_rad: -0.125 },
+        Move::LookStraighter(0.75),
+    ];
+    let hints = [Some(Hint { moves }), None];
+    let bytes = encode_report(&report(Outcome::Measured(sides(300.0))), &hints, ["a", "b"]);
+    assert_eq!(decode_report(&bytes).unwrap().hints, hints);
 }
 
 #[test]
@@ -200,10 +226,11 @@ fn calibrations_and_recordings_there_and_back() {
 #[test]
 fn broken_messages_name_the_field() {
     let whole = || {
-        v1::BoxReport::decode(&encode_report(&report(Outcome::Measured(sides(1.0))), ["a", "b"])[..]).unwrap()
+        let bytes = encode_report(&report(Outcome::Measured(sides(1.0))), &hints(), ["a", "b"]);
+        v1::BoxReport::decode(&bytes[..]).unwrap()
     };
     type Breaking = fn(&mut v1::BoxReport);
-    let table: [(Breaking, &str); 12] = [
+    let table: [(Breaking, &str); 15] = [
         (|m| m.outcome = 0, "outcome: missing"),
         (|m| m.outcome = 9, "outcome: 9 is not known"),
         (|m| m.sides = None, "sides: missing"),
@@ -221,6 +248,15 @@ fn broken_messages_name_the_field() {
         (
             |m| m.faces[1].reject.as_mut().unwrap().numbers[0].value = 0.5,
             "faces[1]: reject.sides_found: found 0.5",
+        ),
+        (|m| m.faces[1].hint.as_mut().unwrap().moves.clear(), "faces[1]: hint.moves: at least one is needed"),
+        (
+            |m| m.faces[1].hint.as_mut().unwrap().moves[0].kind = "jump".into(),
+            "faces[1]: hint.move: \"jump\" is not known",
+        ),
+        (
+            |m| m.faces[1].hint.as_mut().unwrap().moves[1].numbers[0].value = f64::NAN,
+            "faces[1]: hint.by_mm: found NaN",
         ),
     ];
     for (breaking, part) in table {
@@ -253,7 +289,7 @@ proptest! {
 
     #[test]
     fn a_flipped_byte_never_panics(at in any::<prop::sample::Index>(), byte in any::<u8>()) {
-        let mut bytes = encode_report(&report(Outcome::Measured(sides(300.0))), ["a", "b"]);
+        let mut bytes = encode_report(&report(Outcome::Measured(sides(300.0))), &hints(), ["a", "b"]);
         let at = at.index(bytes.len());
         bytes[at] = byte;
         decode_as_everything(&bytes);

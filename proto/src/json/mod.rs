@@ -15,5 +15,5 @@ pub use calibration::{calibration_json, parse_calibration, read_calibration};
 pub use file::write_json;
 pub(crate) use recording::resolved_path;
 pub use recording::{Laser, RecordedFrame, Recording, Role, parse_recording, read_recording, recording_json};
-pub use report::{face_json, hint_json, report_json};
+pub use report::{face_json, report_json};
 pub use truth::{Board, Truth, TruthFace, parse_board, parse_truth, read_board, read_truth};

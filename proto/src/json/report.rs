@@ -11,7 +11,7 @@ use boxline::{
 };
 use serde_json::{Map, Value, json};
 
-/// A box measurement. `frame_ids` name the first and the second frame.
+/// A box measurement. `hints` say how to move for each refused frame; `frame_ids` name the first and the second frame.
 ///
 /// ```json
 /// {"outcome": "measured" | "ambiguous" | "rejected",
@@ -22,21 +22,24 @@ use serde_json::{Map, Value, json};
 ///             "corners_px": [[u, v], "4 of them"], "key_points_px": {"1": [[u, v], [u, v]], "2": ..},
 ///             "plane": {"normal": [x, y, z], "distance_mm": 0}, "rms_px": 0,
 ///             "corner_angles_rad": [{"value": 0, "sigma": 0}, "4 of them, or null"], "warnings": [..], "reject": {..},
-///             "surface_mm": [[along_length, along_width, height, sigma], "one a piece of a stripe"]}],
+///             "surface_mm": [[along_length, along_width, height, sigma], "one a piece of a stripe"],
+///             "hint": {"text": "go 20 cm closer", "moves": [{"move": "closer", "by_mm": 200}]}}],
 ///  "settled": {"depth_mm": {..}, "log_odds": 0, "stripes": 0},
 ///  "warnings": [{"kind": "sides_differ", "difference_mm": 0, .., "text": "for people"}]}
 /// ```
 /// The sides are there if the outcome is `measured`, the two candidates if it is `ambiguous`; `settled` if stripes on neighbouring
 /// faces told an A x A x B box from A x B x B. The plane's unit normal points away from the camera (frame: camera). `surface_mm`
-/// is how far the surface lies from the plane, towards the camera, at a position from the face's middle.
+/// is how far the surface lies from the plane, towards the camera, at a position from the face's middle. The hint is `null` if the view
+/// was not refused or moving does not help.
 #[must_use]
-pub fn report_json(report: &BoxReport, frame_ids: [&str; 2]) -> Value {
+pub fn report_json(report: &BoxReport, hints: &[Option<Hint>; 2], frame_ids: [&str; 2]) -> Value {
     let (name, sides, candidates, reject) = match &report.outcome {
         Outcome::Measured(sides) => ("measured", Some(sides), Vec::new(), None),
         Outcome::Ambiguous(both) => ("ambiguous", None, both.iter().map(candidate).collect(), None),
         Outcome::Rejected(reject) => ("rejected", None, Vec::new(), Some(reject)),
     };
-    let faces: Vec<_> = report.faces.iter().zip(frame_ids).map(|(face, id)| face_entry(face, id)).collect();
+    let faces = report.faces.iter().zip(hints).zip(frame_ids);
+    let faces: Vec<_> = faces.map(|((face, hint), id)| face_entry(face, hint.as_ref(), id)).collect();
     json!({
         "outcome": name,
         "length_mm": sides.map(|s| estimate(s.length)),
@@ -55,8 +58,8 @@ pub fn report_json(report: &BoxReport, frame_ids: [&str; 2]) -> Value {
 
 /// One face: the same object as [`report_json`] with one entry in `faces`, whose sides are `length_mm` and `width_mm`.
 #[must_use]
-pub fn face_json(face: &FaceOutcome, frame_id: &str) -> Value {
-    let entry = face_entry(face, frame_id);
+pub fn face_json(face: &FaceOutcome, hint: Option<&Hint>, frame_id: &str) -> Value {
+    let entry = face_entry(face, hint, frame_id);
     json!({
         "outcome": entry["outcome"],
         "length_mm": entry["length_mm"],
@@ -71,11 +74,7 @@ pub fn face_json(face: &FaceOutcome, frame_id: &str) -> Value {
     })
 }
 
-/// How to move the head after a refusal, `null` if moving does not help. The program adds it to each entry of `faces`:
-/// `"hint": {"text": "go 20 cm closer", "moves": [{"move": "closer", "by_mm": 200}]}`.
-#[must_use]
-pub fn hint_json(hint: Option<&Hint>) -> Value {
-    let Some(hint) = hint else { return Value::Null };
+fn hint_entry(hint: &Hint) -> Value {
     let entry = |one: &Move| {
         let mut entry = Map::new();
         entry.insert("move".to_owned(), json!(one.name()));
@@ -85,7 +84,7 @@ pub fn hint_json(hint: Option<&Hint>) -> Value {
     json!({"text": hint.to_string(), "moves": hint.moves.iter().map(entry).collect::<Vec<_>>()})
 }
 
-fn face_entry(face: &FaceOutcome, frame_id: &str) -> Value {
+fn face_entry(face: &FaceOutcome, hint: Option<&Hint>, frame_id: &str) -> Value {
     let (name, face, reject) = match face {
         FaceOutcome::Measured(face) => ("measured", Some(face.as_ref()), None),
         FaceOutcome::Rejected(reject) => ("rejected", None, Some(reject)),
@@ -105,6 +104,7 @@ fn face_entry(face: &FaceOutcome, frame_id: &str) -> Value {
         "warnings": face.map_or_else(Vec::new, |f| f.warnings.iter().map(warning_entry).collect()),
         "reject": reject.map(reject_entry),
         "surface_mm": face.map_or_else(Vec::new, |f| f.surface.iter().map(surface_point).collect()),
+        "hint": hint.map(hint_entry),
     })
 }
 

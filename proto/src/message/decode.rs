@@ -1,13 +1,14 @@
 //! Core types from messages. Nothing is taken on trust: a missing part, an unknown name or a number that is not finite is
 //! an error that names the field.
 
-use super::v1;
+use super::{DecodedReport, v1};
 use crate::json::{Laser, RecordedFrame, Recording, Role, resolved_path};
+use boxline::feasibility::Move;
 use boxline::frames::{Plane, Point};
 use boxline::measurement::FaceMeasurement;
 use boxline::{
     AngleEstimate, BoxMeasurement, BoxReport, Calibration, CameraModel, DepthSeen, Error, ErrorKind,
-    Estimate, FaceOutcome, LaserId, Outcome, Px, Reject, SurfacePoint, Volume, Warning, WarningKind,
+    Estimate, FaceOutcome, Hint, LaserId, Outcome, Px, Reject, SurfacePoint, Volume, Warning, WarningKind,
 };
 use nalgebra::Vector3;
 use std::path::Path;
@@ -38,7 +39,7 @@ fn known<E: TryFrom<i32>>(value: i32, name: &str) -> Result<E, Error> {
     E::try_from(value).ok().ok_or_else(|| invalid(format!("{name}: {value} is not known")))
 }
 
-pub(super) fn report(message: v1::BoxReport) -> Result<(BoxReport, [String; 2]), Error> {
+pub(super) fn report(message: v1::BoxReport) -> Result<DecodedReport, Error> {
     let outcome = match known(message.outcome, "outcome")? {
         v1::Outcome::Measured => Outcome::Measured(sides(required(message.sides, "sides")?)?),
         v1::Outcome::Ambiguous => {
@@ -49,11 +50,15 @@ pub(super) fn report(message: v1::BoxReport) -> Result<(BoxReport, [String; 2]),
         v1::Outcome::Unspecified => return Err(invalid("outcome: missing")),
     };
     let [first, second] = exactly(message.faces, "faces")?;
-    let (first, first_id) = face(first).map_err(|e| e.in_context("faces[0]"))?;
-    let (second, second_id) = face(second).map_err(|e| e.in_context("faces[1]"))?;
+    let (first, first_hint, first_id) = face(first).map_err(|e| e.in_context("faces[0]"))?;
+    let (second, second_hint, second_id) = face(second).map_err(|e| e.in_context("faces[1]"))?;
     let warnings = message.warnings.into_iter().map(warning).collect::<Result<_, _>>()?;
     let settled = message.settled.map(depth_seen).transpose()?;
-    Ok((BoxReport { outcome, faces: [first, second], warnings, settled }, [first_id, second_id]))
+    Ok(DecodedReport {
+        report: BoxReport { outcome, faces: [first, second], warnings, settled },
+        hints: [first_hint, second_hint],
+        frame_ids: [first_id, second_id],
+    })
 }
 
 fn depth_seen(message: v1::DepthSeen) -> Result<DepthSeen, Error> {
@@ -70,7 +75,8 @@ fn surface_point(message: v1::SurfacePoint) -> Result<SurfacePoint, Error> {
     Ok(SurfacePoint { at_mm, height: Estimate::new(number(message.height_mm)?, number(message.sigma_mm)?) })
 }
 
-fn face(message: v1::Face) -> Result<(FaceOutcome, String), Error> {
+fn face(message: v1::Face) -> Result<(FaceOutcome, Option<Hint>, String), Error> {
+    let hint = message.hint.map(hint).transpose()?;
     let outcome = match known(message.outcome, "outcome")? {
         v1::Outcome::Measured => {
             let corners: [v1::Corner; 4] = exactly(message.corners, "corners")?;
@@ -110,7 +116,26 @@ fn face(message: v1::Face) -> Result<(FaceOutcome, String), Error> {
         v1::Outcome::Ambiguous => return Err(invalid("outcome: a single face is never ambiguous")),
         v1::Outcome::Unspecified => return Err(invalid("outcome: missing")),
     };
-    Ok((outcome, message.frame))
+    Ok((outcome, hint, message.frame))
+}
+
+/// The inverse of `Move::name` and `Move::numbers`.
+fn hint(message: v1::Hint) -> Result<Hint, Error> {
+    let one = |message: v1::Move| {
+        let find = |name: &str| message.numbers.iter().find(|n| n.name == name).map(|n| n.value);
+        let number = |name: &str| finite(required(find(name), &format!("hint.{name}"))?, name);
+        let by_mm = || find("by_mm").map(|value| finite(value, "hint.by_mm")).transpose();
+        Ok(match message.kind.as_str() {
+            "closer" => Move::Closer(by_mm()?),
+            "farther" => Move::Farther(by_mm()?),
+            "roll" => Move::RollClockwise(number("clockwise_rad")?),
+            "aim" => Move::Aim { right_rad: number("right_rad")?, down_rad: number("down_rad")? },
+            "look_straighter" => Move::LookStraighter(number("by_rad")?),
+            other => return Err(invalid(format!("hint.move: {other:?} is not known"))),
+        })
+    };
+    let moves = message.moves.into_iter().map(one).collect::<Result<Vec<_>, _>>()?;
+    if moves.is_empty() { Err(invalid("hint.moves: at least one is needed")) } else { Ok(Hint { moves }) }
 }
 
 fn corner_angles(messages: Vec<v1::Angle>) -> Result<Option<[AngleEstimate; 4]>, Error> {

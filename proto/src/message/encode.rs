@@ -2,14 +2,16 @@
 
 use super::v1;
 use crate::json::{Laser, RecordedFrame, Recording, Role};
+use boxline::feasibility::Move;
 use boxline::measurement::FaceMeasurement;
 use boxline::{
-    AngleEstimate, BoxMeasurement, BoxReport, Calibration, Error, Estimate, FaceOutcome, LaserId, Outcome,
-    Px, Reject, SurfacePoint, Warning,
+    AngleEstimate, BoxMeasurement, BoxReport, Calibration, Error, Estimate, FaceOutcome, Hint, LaserId,
+    Outcome, Px, Reject, SurfacePoint, Warning,
 };
 
-pub(super) fn report(report: &BoxReport, frame_ids: [&str; 2]) -> v1::BoxReport {
-    let faces = report.faces.iter().zip(frame_ids).map(|(outcome, id)| face(outcome, id)).collect();
+pub(super) fn report(report: &BoxReport, hints: &[Option<Hint>; 2], frame_ids: [&str; 2]) -> v1::BoxReport {
+    let faces = report.faces.iter().zip(hints).zip(frame_ids);
+    let faces = faces.map(|((outcome, hint), id)| face(outcome, hint.as_ref(), id)).collect();
     let (outcome, measured, candidates, rejected) = match &report.outcome {
         Outcome::Measured(box_) => (v1::Outcome::Measured, Some(sides(box_)), Vec::new(), None),
         Outcome::Ambiguous(both) => (v1::Outcome::Ambiguous, None, both.iter().map(sides).collect(), None),
@@ -25,8 +27,9 @@ pub(super) fn report(report: &BoxReport, frame_ids: [&str; 2]) -> v1::BoxReport 
     v1::BoxReport { outcome, sides: measured, candidates, reject: rejected, faces, warnings, settled }
 }
 
-pub(super) fn face(outcome: &FaceOutcome, frame_id: &str) -> v1::Face {
+pub(super) fn face(outcome: &FaceOutcome, hint: Option<&Hint>, frame_id: &str) -> v1::Face {
     let frame = frame_id.to_owned();
+    let hint = hint.map(self::hint);
     match outcome {
         FaceOutcome::Measured(face) => v1::Face {
             frame,
@@ -41,10 +44,11 @@ pub(super) fn face(outcome: &FaceOutcome, frame_id: &str) -> v1::Face {
             corner_angles: face.corner_angles.iter().flatten().map(angle).collect(),
             warnings: face.warnings.iter().map(warning).collect(),
             surface: face.surface.iter().map(surface_point).collect(),
+            hint,
         },
         FaceOutcome::Rejected(why) => {
             let outcome = v1::Outcome::Rejected.into();
-            v1::Face { frame, outcome, reject: Some(reject(why)), ..v1::Face::default() }
+            v1::Face { frame, outcome, reject: Some(reject(why)), hint, ..v1::Face::default() }
         }
     }
 }
@@ -100,20 +104,23 @@ fn angle(angle: &AngleEstimate) -> v1::Angle {
     v1::Angle { value_rad: angle.value_rad, sigma_rad: angle.sigma_rad }
 }
 
+fn numbers(named: Vec<(&'static str, f64)>) -> Vec<v1::Number> {
+    named.into_iter().map(|(name, value)| v1::Number { name: name.to_owned(), value }).collect()
+}
+
 fn warning(warning: &Warning) -> v1::Warning {
-    let numbers =
-        warning.numbers().into_iter().map(|(name, value)| v1::Number { name: name.to_owned(), value });
-    v1::Warning {
-        kind: warning.kind.name().to_owned(),
-        numbers: numbers.collect(),
-        text: warning.to_string(),
-    }
+    let kind = warning.kind.name().to_owned();
+    v1::Warning { kind, numbers: numbers(warning.numbers()), text: warning.to_string() }
 }
 
 fn reject(reject: &Reject) -> v1::Reject {
-    let numbers =
-        reject.numbers().into_iter().map(|(name, value)| v1::Number { name: name.to_owned(), value });
-    v1::Reject { reason: reject.reason().to_owned(), numbers: numbers.collect(), text: reject.to_string() }
+    let reason = reject.reason().to_owned();
+    v1::Reject { reason, numbers: numbers(reject.numbers()), text: reject.to_string() }
+}
+
+fn hint(hint: &Hint) -> v1::Hint {
+    let entry = |one: &Move| v1::Move { kind: one.name().to_owned(), numbers: numbers(one.numbers()) };
+    v1::Hint { moves: hint.moves.iter().map(entry).collect(), text: hint.to_string() }
 }
 
 pub(super) fn calibration(calibration: &Calibration) -> v1::Calibration {

@@ -6,7 +6,7 @@
 mod decode;
 mod encode;
 
-use boxline::{BoxReport, Calibration, Error, ErrorKind, FaceOutcome};
+use boxline::{BoxReport, Calibration, Error, ErrorKind, FaceOutcome, Hint};
 use prost::Message;
 use std::path::Path;
 
@@ -17,23 +17,35 @@ pub mod v1 {
     include!(concat!(env!("OUT_DIR"), "/boxline.v1.rs"));
 }
 
-/// A report as bytes of `boxline.v1.BoxReport`. `frame_ids` name the first and the second frame.
+/// A report as bytes of `boxline.v1.BoxReport`. `hints` say how to move for each refused frame; `frame_ids` name the first and
+/// the second frame.
 #[must_use]
-pub fn encode_report(report: &BoxReport, frame_ids: [&str; 2]) -> Vec<u8> {
-    encode::report(report, frame_ids).encode_to_vec()
+pub fn encode_report(report: &BoxReport, hints: &[Option<Hint>; 2], frame_ids: [&str; 2]) -> Vec<u8> {
+    encode::report(report, hints, frame_ids).encode_to_vec()
 }
 
 /// What a head sees, as bytes of `boxline.v1.LiveView`.
 #[must_use]
-pub fn encode_live_view(face: &FaceOutcome, steady: bool, frame: u64) -> Vec<u8> {
-    v1::LiveView { face: Some(encode::face(face, "")), steady, frame }.encode_to_vec()
+pub fn encode_live_view(face: &FaceOutcome, hint: Option<&Hint>, steady: bool, frame: u64) -> Vec<u8> {
+    v1::LiveView { face: Some(encode::face(face, hint, "")), steady, frame }.encode_to_vec()
 }
 
-/// A report and its frames' ids from bytes of `boxline.v1.BoxReport`.
+/// What [`encode_report`] was given.
+#[derive(Debug, PartialEq)]
+pub struct DecodedReport {
+    /// The report.
+    pub report: BoxReport,
+    /// How to move, for each frame.
+    pub hints: [Option<Hint>; 2],
+    /// The names of the first and the second frame.
+    pub frame_ids: [String; 2],
+}
+
+/// A report from bytes of `boxline.v1.BoxReport`.
 ///
 /// # Errors
 /// [`ErrorKind::InvalidFile`], naming the field.
-pub fn decode_report(bytes: &[u8]) -> Result<(BoxReport, [String; 2]), Error> {
+pub fn decode_report(bytes: &[u8]) -> Result<DecodedReport, Error> {
     decode::report(parse(bytes, "BoxReport", ErrorKind::InvalidFile)?)
 }
 

@@ -6,7 +6,7 @@ use crate::input::{Usage, pair, read_frame};
 use crate::overlay::{self, Headline, View};
 use crate::text;
 use boxline::{FaceOutcome, Frame, Outcome, StageTimes, measure_box_with_hints, measure_face_with_hint};
-use boxline_proto::json::{face_json, hint_json, read_calibration, read_recording, report_json};
+use boxline_proto::json::{face_json, read_calibration, read_recording, report_json};
 use std::path::{Path, PathBuf};
 
 const MEASURED: u8 = 0;
@@ -55,11 +55,7 @@ pub fn measure(args: &MeasureArgs) -> anyhow::Result<Finished> {
         overlay::write(&overlay::draw(&views, &Headline::of_box(&report.outcome))?, path)?;
     }
     let stdout = if args.output.json {
-        let mut json = report_json(&report, names);
-        for (face, hint) in hints.iter().enumerate() {
-            json["faces"][face]["hint"] = hint_json(hint.as_ref());
-        }
-        json.to_string()
+        report_json(&report, &hints, names).to_string()
     } else {
         text::of_box(&report, names, &hints)
     };
@@ -87,9 +83,7 @@ pub fn face(args: &FaceArgs) -> anyhow::Result<Finished> {
         overlay::write(&overlay::draw(&[view], &Headline::of_face(&face))?, path)?;
     }
     let stdout = if args.output.json {
-        let mut json = face_json(&face, &name);
-        json["faces"][0]["hint"] = hint_json(hint.as_ref());
-        json.to_string()
+        face_json(&face, hint.as_ref(), &name).to_string()
     } else {
         text::of_face(&face, &name, hint.as_ref())
     };

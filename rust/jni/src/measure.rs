@@ -2,7 +2,10 @@
 
 use crate::guard::Failure;
 use crate::handles::Handles;
-use boxline::{BoxReport, Calibration, FaceOutcome, Frame, Settings, StageTimes};
+use boxline::{
+    Calibration, FaceOutcome, Frame, Settings, StageTimes, measure_box_with_hints, measure_face_with_hint,
+};
+use boxline_proto::message::{encode_live_view, encode_report};
 use std::num::NonZeroUsize;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -15,24 +18,37 @@ pub(crate) fn stop_sign(handle: i64) -> Result<Option<Arc<AtomicBool>>, Failure>
     if handle == 0 { Ok(None) } else { Ok(Some(STOPS.get(handle)?)) }
 }
 
-pub(crate) fn measure_box(
-    frames: [&Frame; 2],
+/// Measures a box from two JPEGs. Gives the bytes of a `boxline.v1.BoxReport` whose faces are called `a` and `b`.
+pub(crate) fn pair(
+    jpegs: [&[u8]; 2],
     calibration: &Calibration,
     stop: Option<&AtomicBool>,
-) -> Result<BoxReport, Failure> {
+) -> Result<Vec<u8>, Failure> {
+    let (a, b) = (decode(jpegs[0], "frameA")?, decode(jpegs[1], "frameB")?);
     let network = network::get()?;
     let settings = Settings { network: network.as_ref_dyn(), cancelled: stop, ..Settings::default() };
-    Ok(boxline::measure_box(frames[0], frames[1], calibration, &settings, &mut StageTimes::new())?)
+    let (report, hints) = measure_box_with_hints(&a, &b, calibration, &settings, &mut StageTimes::new())?;
+    Ok(encode_report(&report, &hints, ["a", "b"]))
 }
 
-pub(crate) fn measure_face(
-    frame: &Frame,
+/// Whether a face could be measured in frame `number`. Gives the bytes of a `boxline.v1.LiveView`; `steady` says of the view
+/// whether the head is held still.
+pub(crate) fn view(
+    jpeg: &[u8],
+    number: u64,
     calibration: &Calibration,
     stop: Option<&AtomicBool>,
-) -> Result<FaceOutcome, Failure> {
+    steady: impl FnOnce(&FaceOutcome) -> bool,
+) -> Result<Vec<u8>, Failure> {
+    let frame = decode(jpeg, "frame")?;
     let network = network::get()?;
     let settings = Settings { network: network.as_ref_dyn(), cancelled: stop, ..Settings::default() };
-    Ok(boxline::measure_face(frame, calibration, &settings, &mut StageTimes::new())?)
+    let (face, hint) = measure_face_with_hint(&frame, calibration, &settings, &mut StageTimes::new())?;
+    Ok(encode_live_view(&face, hint.as_ref(), steady(&face), number))
+}
+
+fn decode(jpeg: &[u8], name: &str) -> Result<Frame, Failure> {
+    Ok(Frame::from_jpeg(jpeg).map_err(|e| e.in_context(name))?)
 }
 
 /// Loads the network if this library has one, so that a broken runtime is told when a scanner is opened, not when it is

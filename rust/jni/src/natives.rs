@@ -19,14 +19,12 @@ use crate::buffer::{bytes_of_array, bytes_of_buffer};
 use crate::guard::{Failure, guard};
 use crate::handles::Handles;
 use crate::logging;
-use crate::measure::{
-    STOPS, load_network, measure_box as measure_pair, measure_face, network_name, stop_sign,
-};
+use crate::measure::{self, STOPS, load_network, network_name, stop_sign};
 use crate::recording::read_pair;
 use crate::session::{Captured, FRAMES, HEADS, Head, check_serial};
-use boxline::{Calibration, Frame};
+use boxline::Calibration;
 use boxline_proto::json::{parse_calibration, report_json};
-use boxline_proto::message::{decode_report, encode_live_view, encode_report};
+use boxline_proto::message::decode_report;
 use jni::objects::{JByteArray, JByteBuffer, JClass, JLongArray, JObject, JString};
 use jni::sys::{jboolean, jint, jlong};
 use jni::{EnvUnowned, jni_mangle};
@@ -35,9 +33,6 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 static CALIBRATIONS: Handles<Calibration> = Handles::new();
-
-/// What the two frames of a pair are called in a report.
-const PAIR: [&str; 2] = ["a", "b"];
 
 /// `static native void start(int logLevel, int threads)`: starts the log (0 off to 4 details) and loads the network with
 /// so many threads (0: as the machine has, at most four). The first call counts, later ones change the log's level only.
@@ -170,13 +165,8 @@ pub extern "system" fn measure_box<'local>(
     guard(env, |env| {
         let calibration = CALIBRATIONS.get(calibration)?;
         let stop = stop_sign(stop)?;
-        let mut decode = |buffer, name| {
-            let jpeg = bytes_of_buffer(env, buffer, name)?;
-            Ok::<_, Failure>(Frame::from_jpeg(&jpeg).map_err(|e| e.in_context(name))?)
-        };
-        let (a, b) = (decode(&frame_a, "frameA")?, decode(&frame_b, "frameB")?);
-        let report = measure_pair([&a, &b], &calibration, stop.as_deref())?;
-        Ok(env.byte_array_from_slice(&encode_report(&report, PAIR))?)
+        let (a, b) = (bytes_of_buffer(env, &frame_a, "frameA")?, bytes_of_buffer(env, &frame_b, "frameB")?);
+        Ok(env.byte_array_from_slice(&measure::pair([&a, &b], &calibration, stop.as_deref())?)?)
     })
 }
 
@@ -194,9 +184,7 @@ pub extern "system" fn view_frame<'local>(
         let calibration = CALIBRATIONS.get(calibration)?;
         let stop = stop_sign(stop)?;
         let jpeg = bytes_of_buffer(env, &frame, "frame")?;
-        let frame = Frame::from_jpeg(&jpeg).map_err(|e| e.in_context("frame"))?;
-        let face = measure_face(&frame, &calibration, stop.as_deref())?;
-        Ok(env.byte_array_from_slice(&encode_live_view(&face, false, 0))?)
+        Ok(env.byte_array_from_slice(&measure::view(&jpeg, 0, &calibration, stop.as_deref(), |_| false)?)?)
     })
 }
 
@@ -208,8 +196,9 @@ pub extern "system" fn report_json_text<'local>(
     report: JByteArray<'local>,
 ) -> JString<'local> {
     guard(env, |env| {
-        let (report, [a, b]) = decode_report(&bytes_of_array(env, &report, "report")?)?;
-        Ok(env.new_string(report_json(&report, [&a, &b]).to_string())?)
+        let decoded = decode_report(&bytes_of_array(env, &report, "report")?)?;
+        let [a, b] = &decoded.frame_ids;
+        Ok(env.new_string(report_json(&decoded.report, &decoded.hints, [a, b]).to_string())?)
     })
 }
 
@@ -302,10 +291,14 @@ pub extern "system" fn live_view<'local>(
         let stop = stop_sign(stop)?;
         let after = u64::try_from(after).map_err(|e| Failure::Argument(format!("after {after}: {e}")))?;
         let (number, frame) = head.lit_frame(after, stop.as_deref())?;
-        let frame = Frame::from_jpeg(&frame.jpeg)?;
-        let face = measure_face(&frame, &calibration, stop.as_deref())?;
-        let steady = head.steady(&face);
-        Ok(env.byte_array_from_slice(&encode_live_view(&face, steady, number))?)
+        let steady = |face: &_| head.steady(face);
+        Ok(env.byte_array_from_slice(&measure::view(
+            &frame.jpeg,
+            number,
+            &calibration,
+            stop.as_deref(),
+            steady,
+        )?)?)
     })
 }
 
@@ -358,8 +351,8 @@ pub extern "system" fn view_captured<'local>(
         let frame = FRAMES.get(frame)?;
         check_serial(&frame.serial, &calibration)?;
         let stop = stop_sign(stop)?;
-        let face = measure_face(&Frame::from_jpeg(&frame.jpeg)?, &calibration, stop.as_deref())?;
-        Ok(env.byte_array_from_slice(&encode_live_view(&face, false, 0))?)
+        let view = measure::view(&frame.jpeg, 0, &calibration, stop.as_deref(), |_| false)?;
+        Ok(env.byte_array_from_slice(&view)?)
     })
 }
 
@@ -377,14 +370,11 @@ pub extern "system" fn measure_frames<'local>(
     guard(env, |env| {
         let calibration = CALIBRATIONS.get(calibration)?;
         let stop = stop_sign(stop)?;
-        let frames = [frame_a, frame_b].map(|frame| {
-            let frame = FRAMES.get(frame)?;
-            check_serial(&frame.serial, &calibration)?;
-            Ok::<_, Failure>(Frame::from_jpeg(&frame.jpeg)?)
-        });
-        let [a, b] = frames;
-        let report = measure_pair([&a?, &b?], &calibration, stop.as_deref())?;
-        Ok(env.byte_array_from_slice(&encode_report(&report, PAIR))?)
+        let (a, b) = (FRAMES.get(frame_a)?, FRAMES.get(frame_b)?);
+        check_serial(&a.serial, &calibration)?;
+        check_serial(&b.serial, &calibration)?;
+        let report = measure::pair([&a.jpeg, &b.jpeg], &calibration, stop.as_deref())?;
+        Ok(env.byte_array_from_slice(&report)?)
     })
 }
 
