@@ -3,7 +3,12 @@ package dev.boxline
 /** What a measurement of a box ends with. */
 public sealed interface MeasureResult {
     /** The box was measured. */
-    public class Measured internal constructor(public val size: BoxSize, public val record: Record) : MeasureResult
+    public class Measured internal constructor(
+        public val size: BoxSize,
+        /** What looked odd; empty as a rule. */
+        public val warnings: List<Warning>,
+        public val record: Record,
+    ) : MeasureResult
 
     /**
      * Both pictures show a face of A x B, so the box is A x A x B or A x B x B, and only a look at it can tell. [first] is the more
@@ -12,11 +17,18 @@ public sealed interface MeasureResult {
     public class Ambiguous internal constructor(
         public val first: BoxSize,
         public val second: BoxSize,
+        /** As [Measured.warnings]. */
+        public val warnings: List<Warning>,
         public val record: Record,
     ) : MeasureResult
 
-    /** The view cannot be measured; [reason] says why and what to do. */
-    public class Rejected internal constructor(public val reason: Reason, public val record: Record?) : MeasureResult
+    /** A view cannot be measured; [reason] says why and what to do. */
+    public class Rejected internal constructor(
+        public val reason: Reason,
+        /** The picture that is refused, 0 or 1; null if each is good and they do not fit together. */
+        public val face: Int?,
+        public val record: Record,
+    ) : MeasureResult
 
     /** The head is not there for the moment. Trying again may help. */
     public class DeviceUnavailable internal constructor(
@@ -52,58 +64,12 @@ public sealed interface FaceView {
         public val stripes: List<Pair<SensorPoint, SensorPoint>>,
         /** The head is held still: a picture taken now is sharp. Always false for a single picture. */
         public val steady: Boolean,
+        /** As [MeasureResult.Measured.warnings]. */
+        public val warnings: List<Warning>,
     ) : FaceView
 
     /** It cannot. */
     public class Unmeasurable internal constructor(public val reason: Reason) : FaceView
-}
-
-/** Why a view cannot be measured. */
-public class Reason internal constructor(
-    /** The stable name, such as `face_cut_by_border`. */
-    public val name: String,
-    /** What was found and what was needed; names end in their unit. */
-    public val numbers: Map<String, Double>,
-    /** For people, English. */
-    public val text: String,
-) {
-    /** The reasons that this version knows; apps choose their own words by it. */
-    public val kind: Kind = Kind.entries.find { it.name.lowercase(java.util.Locale.ROOT) == name } ?: Kind.OTHER
-
-    override fun toString(): String = "$name: $text"
-
-    /** See `rust/ARCHITECTURE.md`, "What refuses where". */
-    public enum class Kind {
-        /** No face of a box is in view, or no laser light. */
-        NO_BOX,
-
-        /** A stripe that should be on the face is dark. */
-        STRIPE_NOT_FOUND,
-
-        /** A stripe does not cross the face: aim at its middle, or go closer. */
-        STRIPE_MISSING,
-
-        /** Part of the face is outside the picture: step back. */
-        FACE_CUT_BY_BORDER,
-
-        /** The stripes lie on no common plane. */
-        FACE_NOT_PLANAR,
-
-        /** Not all four edges of the face were found. */
-        RECTANGLE_OPEN,
-
-        /** The outline of the face is not clear. */
-        OUTLINE_UNSURE,
-
-        /** The face is not rectangular. */
-        NOT_A_RECTANGLE,
-
-        /** The two pictures do not show two adjacent faces of one box. */
-        SIDES_DISAGREE,
-
-        /** A reason that came with a newer native library. */
-        OTHER,
-    }
 }
 
 /** Why a head cannot be used for the moment. */
@@ -138,6 +104,6 @@ public class Record internal constructor(private val bytes: ByteArray) {
     /** The bytes of a `boxline.v1.BoxReport` (proto/boxline.proto). */
     public fun toProtobuf(): ByteArray = bytes.clone()
 
-    /** The JSON that `boxline measure --json` prints for the same pictures, without its hints on how to move. */
+    /** The JSON that `boxline measure --json` prints for the same pictures. */
     public fun toJson(): String = dev.boxline.internal.Native.reportJsonText(bytes)
 }

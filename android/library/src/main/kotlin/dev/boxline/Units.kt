@@ -16,16 +16,34 @@ public value class CubicMetres(public val value: Double) : Comparable<CubicMetre
     override fun toString(): String = "$value m³"
 }
 
-/** A measured length and its standard deviation: calibration and observation together. */
+/** An angle in radians. */
+@JvmInline
+public value class Radians(public val value: Double) : Comparable<Radians> {
+    /** For people. */
+    public val degrees: Double get() = Math.toDegrees(value)
+
+    override fun compareTo(other: Radians): Int = value.compareTo(other.value)
+
+    override fun toString(): String = "$value rad"
+}
+
+/**
+ * A measured length and its standard deviation: calibration and observation together. The interval from [low95] to [high95] contains
+ * the truth in 95 of 100 measurements.
+ */
 public data class Length(
     @get:JvmName("getValue") public val value: Millimetres,
     @get:JvmName("getSigma") public val sigma: Millimetres,
+    @get:JvmName("getLow95") public val low95: Millimetres,
+    @get:JvmName("getHigh95") public val high95: Millimetres,
 )
 
-/** A measured volume and its standard deviation. */
+/** As [Length], a volume. */
 public data class Volume(
     @get:JvmName("getValue") public val value: CubicMetres,
     @get:JvmName("getSigma") public val sigma: CubicMetres,
+    @get:JvmName("getLow95") public val low95: CubicMetres,
+    @get:JvmName("getHigh95") public val high95: CubicMetres,
 )
 
 /** A position on the camera's sensor, pixels; (0, 0) is the centre of the top-left one, [u] runs right, [v] down. */

@@ -22,8 +22,11 @@ class MeasureTest {
             println("ROW ${BoxMeter.version()} | ${size.length.value.value} | ${size.width.value.value} | ${size.height.value.value}")
             assertTrue(json, json.contains("${size.length.value.value}"))
             assertTrue(size.length.value >= size.width.value && size.width.value >= size.height.value)
-            // The command line adds how to move, which a report does not carry.
-            val printed = System.getProperty("boxline.json")?.let { File(it).readText().trim().replace(",\"hint\":null", "") }
+            for (side in listOf(size.length, size.width, size.height)) {
+                assertEquals(side.value.value - 1.96 * side.sigma.value, side.low95.value, 1e-9)
+                assertEquals(side.value.value + 1.96 * side.sigma.value, side.high95.value, 1e-9)
+            }
+            val printed = System.getProperty("boxline.json")?.let { File(it).readText().trim() }
             printed?.let { assertEquals(it, json) }
         }
     }
@@ -51,6 +54,24 @@ class MeasureTest {
             val reason = (dark as MeasureResult.Rejected).reason
             assertEquals(Reason.Kind.NO_BOX, reason.kind)
             assertTrue(reason.numbers.keys.toString(), "best_share" in reason.numbers)
+        }
+    }
+
+    @Test
+    fun `a refusal says which picture and how to move`(): Unit = runBlocking {
+        BoxMeter.open(Recordings.calibration).use { meter ->
+            val good = Recordings.frame("b02", "b")
+            val cut = meter.measureBox(good, Recordings.frame("refuse", "r2")) as MeasureResult.Rejected
+            assertEquals(Reason.Kind.FACE_CUT_BY_BORDER to 1, cut.reason.kind to cut.face)
+            assertTrue(cut.reason.toString(), cut.reason.moves.any { it is Move.Farther })
+            assertTrue(cut.record.toJson(), cut.record.toJson().contains("\"hint\":{\"text\":\"${cut.reason.movesText}\""))
+            val missed = meter.measureBox(Recordings.frame("refuse", "r1"), good) as MeasureResult.Rejected
+            assertEquals(Reason.Kind.STRIPE_MISSING to 0, missed.reason.kind to missed.face)
+            val view = meter.view(Recordings.frame("refuse", "r1")) as FaceView.Unmeasurable
+            assertEquals(missed.reason.moves, view.reason.moves)
+            assertTrue(view.reason.toString(), view.reason.moves.isNotEmpty() && view.reason.movesText.isNotEmpty())
+            val nothing = meter.view(Recordings.frame("refuse", "r3")) as FaceView.Unmeasurable
+            assertEquals(emptyList<Move>(), nothing.reason.moves)
         }
     }
 

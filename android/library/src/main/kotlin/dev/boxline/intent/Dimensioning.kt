@@ -38,25 +38,31 @@ public object Dimensioning {
     private val perMillimetre = mapOf("MM" to 1.0, "CM" to 0.1, "INCH" to 1 / 25.4)
 
     /** Result extras for a [request]; [jpeg] is a picture as the head sent it, [timeMillis] when, milliseconds since 1970. */
-    public fun result(request: Intent?, result: MeasureResult, jpeg: ByteArray?, timeMillis: Long): Intent {
-        val intent = Intent()
-        val asked = request?.getStringExtra(UNIT)?.uppercase(Locale.ROOT)
-        val unit = if (asked in perMillimetre) asked!! else "MM"
-        intent.putExtra(UNIT, unit)
-        intent.putExtra(TIMESTAMP, timestamp(timeMillis))
-        when (result) {
-            is MeasureResult.Measured -> {
-                intent.putExtra(STATUS, "MEASURED")
-                put(intent, result.size, perMillimetre.getValue(unit))
-            }
-            is MeasureResult.Ambiguous -> intent.putExtra(STATUS, "AMBIGUOUS").putExtra(MESSAGE, "two boxes are possible")
-            is MeasureResult.Rejected -> intent.putExtra(STATUS, "REJECTED").putExtra(MESSAGE, result.reason.text)
-            is MeasureResult.DeviceUnavailable ->
-                intent.putExtra(STATUS, "DEVICE_UNAVAILABLE").putExtra(MESSAGE, result.message)
-        }
+    public fun result(request: Intent?, result: MeasureResult, jpeg: ByteArray?, timeMillis: Long): Intent = when (result) {
+        is MeasureResult.Measured -> result(request, result.size, jpeg, timeMillis)
+        is MeasureResult.Ambiguous -> without(request, "AMBIGUOUS", "two boxes are possible", jpeg, timeMillis)
+        is MeasureResult.Rejected -> without(request, "REJECTED", result.reason.text, jpeg, timeMillis)
+        is MeasureResult.DeviceUnavailable -> without(request, "DEVICE_UNAVAILABLE", result.message, jpeg, timeMillis)
+    }
+
+    /** The same for the box that the user chose of two possible ones. */
+    public fun result(request: Intent?, size: BoxSize, jpeg: ByteArray?, timeMillis: Long): Intent {
+        val intent = common(request, jpeg, timeMillis).putExtra(STATUS, "MEASURED")
+        put(intent, size, perMillimetre.getValue(unit(request)))
+        return intent
+    }
+
+    private fun without(request: Intent?, status: String, message: String, jpeg: ByteArray?, timeMillis: Long): Intent =
+        common(request, jpeg, timeMillis).putExtra(STATUS, status).putExtra(MESSAGE, message)
+
+    private fun common(request: Intent?, jpeg: ByteArray?, timeMillis: Long): Intent {
+        val intent = Intent().putExtra(UNIT, unit(request)).putExtra(TIMESTAMP, timestamp(timeMillis))
         jpeg?.let(::small)?.let { intent.putExtra(IMAGE, it) }
         return intent
     }
+
+    private fun unit(request: Intent?): String =
+        request?.getStringExtra(UNIT)?.uppercase(Locale.ROOT)?.takeIf(perMillimetre::containsKey) ?: "MM"
 
     private fun put(intent: Intent, size: BoxSize, scale: Double) {
         val put = { name: String, length: Length ->

@@ -127,16 +127,21 @@ public class MainActivity : Activity() {
             for ((id, size) in listOf(R.id.first to ambiguous.first, R.id.second to ambiguous.second)) {
                 view<Button>(id).text = words.short(size)
                 view<Button>(id).setOnClickListener {
-                    view<TextView>(R.id.result).text = words.of(size)
+                    view<TextView>(R.id.result).text = words.of(size, ambiguous.warnings)
                     view<View>(R.id.choice).visibility = View.GONE
+                    answer { jpeg, now -> Dimensioning.result(intent, size, jpeg, now) }
                 }
             }
+        } else if (result != null) {
+            answer { jpeg, now -> Dimensioning.result(intent, result, jpeg, now) }
         }
-        if (result != null && intent.action == Dimensioning.ACTION) {
-            val jpeg = meter?.capturedJpeg(0)
-            setResult(RESULT_OK, Dimensioning.result(intent, result, jpeg, System.currentTimeMillis()))
-            finish()
-        }
+    }
+
+    /** Ends with a result if another app asked for one. */
+    private fun answer(extras: (jpeg: ByteArray?, timeMillis: Long) -> Intent) {
+        if (intent.action != Dimensioning.ACTION) return
+        setResult(RESULT_OK, extras(meter?.capturedJpeg(0), System.currentTimeMillis()))
+        finish()
     }
 
     private fun share() {

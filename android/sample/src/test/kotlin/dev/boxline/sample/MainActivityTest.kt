@@ -15,11 +15,14 @@ import dev.boxline.FaceView
 import dev.boxline.Length
 import dev.boxline.MeasureResult
 import dev.boxline.Millimetres
+import dev.boxline.Move
+import dev.boxline.Radians
 import dev.boxline.Reason
 import dev.boxline.Record
 import dev.boxline.ScannerState
 import dev.boxline.SensorPoint
 import dev.boxline.Volume
+import dev.boxline.Warning
 import dev.boxline.intent.Dimensioning
 import org.junit.Assert.assertEquals
 import org.junit.Assert.assertFalse
@@ -39,15 +42,21 @@ import java.io.File
 @GraphicsMode(GraphicsMode.Mode.NATIVE)
 @Config(sdk = [35], qualifiers = "w411dp-h731dp-mdpi")
 class MainActivityTest {
-    private fun length(mm: Double) = Length(Millimetres(mm), Millimetres(0.4))
+    private fun length(mm: Double) = Length(Millimetres(mm), Millimetres(0.4), Millimetres(mm - 0.8), Millimetres(mm + 0.8))
 
-    private fun size(a: Double, b: Double, c: Double) =
-        BoxSize(length(a), length(b), length(c), Volume(CubicMetres(a * b * c * 1e-9), CubicMetres(1e-4)))
+    private fun size(a: Double, b: Double, c: Double): BoxSize {
+        val m3 = a * b * c * 1e-9
+        return BoxSize(length(a), length(b), length(c), Volume(CubicMetres(m3), CubicMetres(1e-4), CubicMetres(m3 - 2e-4), CubicMetres(m3 + 2e-4)))
+    }
 
-    private val measured = MeasureResult.Measured(size(550.41, 349.78, 300.09), Record(ByteArray(0)))
-    private val cut = Reason("face_cut_by_border", emptyMap(), "")
+    private val record = Record(ByteArray(0))
+    private val bulge = Warning("face_not_flat", 0, emptyMap(), "")
+    private val measured = MeasureResult.Measured(size(550.41, 349.78, 300.09), listOf(bulge, Warning("face_not_flat", 1, emptyMap(), "")), record)
+    private val moves = listOf(Move.Farther(Millimetres(234.0)), Move.Aim(Radians(-0.1), Radians(0.001)))
+    private val cut = Reason("face_cut_by_border", emptyMap(), "", moves, "")
+    private val ambiguous = MeasureResult.Ambiguous(size(400.0, 400.0, 250.0), size(400.0, 250.0, 250.0), emptyList(), record)
     private val square = listOf(500.0 to 400.0, 2100.0 to 500.0, 2000.0 to 1500.0, 450.0 to 1400.0).map { (u, v) -> SensorPoint(u, v) }
-    private val face = FaceView.Measurable(length(400.0), length(300.0), square, listOf(square[0] to square[2], square[1] to square[3]), true)
+    private val face = FaceView.Measurable(length(400.0), length(300.0), square, listOf(square[0] to square[2], square[1] to square[3]), true, emptyList())
 
     private fun screen(name: String, intent: Intent = Intent(), body: (MainActivity) -> Unit) {
         shadowOf(RuntimeEnvironment.getApplication()).grantPermissions(Manifest.permission.CAMERA)
@@ -78,24 +87,34 @@ class MainActivityTest {
     }
 
     @Test
+    fun `a face that cannot be measured says how to move`() = screen("how-to-move") {
+        it.show(ScannerState(Connection.Live("SIM-0001"), FaceView.Unmeasurable(cut), 0))
+        // A move of less than a degree is none.
+        assertEquals("Step back: part of the face is outside the picture\n→ Go 23 cm farther away\n→ Aim 6° to the left", it.text(R.id.status))
+    }
+
+    @Test
     @Config(qualifiers = "+de-rDE-night")
-    fun `a result with its interval, in German, in the dark`() = screen("measured-de-dark") {
+    fun `a result with its interval and warning, in German, in the dark`() = screen("measured-de-dark") {
         it.show(ScannerState(Connection.Ready("SIM-0001"), null, 2))
         it.show(measured)
-        assertTrue(it.text(R.id.result), it.text(R.id.result).startsWith("550,4 × 349,8 × 300,1 mm"))
+        val text = it.text(R.id.result)
+        assertTrue(text, text.startsWith("550,4 × 349,8 × 300,1 mm\n95 von 100 Mal innerhalb 549,6–551,2 · 349,0–350,6 · 299,3–300,9 mm"))
+        assertTrue(text, text.endsWith("m³\n⚠ Eine Seite ist gewölbt oder eingedrückt"))
         assertTrue(it.findViewById<Button>(R.id.share).isEnabled)
     }
 
     @Test
     @Config(qualifiers = "+zh-rCN", fontScale = 1.6f)
     fun `a refusal says what to do, in Chinese, in large letters`() = screen("refused-zh-large") {
-        it.show(MeasureResult.Rejected(cut, null))
-        assertTrue(it.text(R.id.result), it.text(R.id.result).contains("请后退"))
+        it.show(MeasureResult.Rejected(cut, 1, record))
+        assertTrue(it.text(R.id.result), it.text(R.id.result).startsWith("第 2 面无法测量\n请后退"))
+        assertTrue(it.text(R.id.result), it.text(R.id.result).contains("请远离 23 厘米"))
     }
 
     @Test
     fun `two boxes are offered, and the one that is touched is shown`() = screen("choice") {
-        it.show(MeasureResult.Ambiguous(size(400.0, 400.0, 250.0), size(400.0, 250.0, 250.0), Record(ByteArray(0))))
+        it.show(ambiguous)
         assertEquals(View.VISIBLE, it.findViewById<View>(R.id.choice).visibility)
         assertEquals("400 × 250 × 250 mm", it.text(R.id.second))
     }
@@ -118,5 +137,16 @@ class MainActivityTest {
             assertEquals("MEASURED CM", result.getStringExtra(Dimensioning.STATUS) + " " + result.getStringExtra(Dimensioning.UNIT))
             assertTrue(result.getStringExtra(Dimensioning.TIMESTAMP)!!.endsWith("Z"))
         }
+    }
+
+    @Test
+    fun `an app that asks by intent waits until the user has chosen`() = screen("intent-choice", Intent(Dimensioning.ACTION)) { activity ->
+        activity.show(ambiguous)
+        assertFalse(activity.isFinishing)
+        activity.findViewById<Button>(R.id.second).performClick()
+        assertTrue(activity.isFinishing)
+        val result = shadowOf(activity).resultIntent
+        assertEquals("MEASURED MM", result.getStringExtra(Dimensioning.STATUS) + " " + result.getStringExtra(Dimensioning.UNIT))
+        assertEquals(250.0, result.getDoubleExtra(Dimensioning.WIDTH, 0.0), 0.0)
     }
 }

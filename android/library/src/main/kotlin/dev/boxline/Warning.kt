@@ -1,0 +1,39 @@
+package dev.boxline
+
+/** A check that failed although the view could be measured. The result stands: its standard deviations allow for what was seen. */
+public class Warning internal constructor(
+    /** The stable name, such as `face_not_flat`. */
+    public val name: String,
+    /** The picture whose face it is about, 0 or 1; null if it is about both. */
+    public val face: Int?,
+    /** What was found, its standard deviation, the check's statistic and limit; names end in their unit. */
+    public val numbers: Map<String, Double>,
+    /** For people, English. */
+    public val text: String,
+) {
+    /** The checks that this version knows; apps choose their own words by it. */
+    public val kind: Kind = Kind.entries.find { it.name.lowercase(java.util.Locale.ROOT) == name } ?: Kind.OTHER
+
+    override fun toString(): String = "$name: $text"
+
+    /** See `rust/UNCERTAINTY.md`. */
+    public enum class Kind {
+        /** A laser stands otherwise than when the head was calibrated. */
+        LASER_MOVED,
+
+        /** The face bulges or is dented. */
+        FACE_NOT_FLAT,
+
+        /** The face is skewed. */
+        NOT_RIGHT_ANGLED,
+
+        /** Two opposite edges of the face differ in length. */
+        OPPOSITE_EDGES,
+
+        /** The side that both pictures show differs more than it should. */
+        SIDES_DIFFER,
+
+        /** A check that came with a newer native library. */
+        OTHER,
+    }
+}
