@@ -24,9 +24,6 @@ def jar(path):
 def libraries(archive, folder, built, method):
     for abi in ABIS:
         for library in sorted((built / abi).glob("*.so")):
-            # An x86_64 library with testing entry points is for this machine's tests and in no package.
-            if b"NativeTesting" in library.read_bytes():
-                continue
             add(archive, f"{folder}/{abi}/{library.name}", library.read_bytes(), method)
 
 

@@ -1,9 +1,9 @@
-"""What can be checked without Gradle: static.py ROOT KOTLINC. Versions, permissions, keep rules, natives, and the scripts' syntax."""
-import pathlib, re, shutil, subprocess, sys, tempfile
+"""What can be checked without Gradle: static.py ROOT. Versions, permissions, keep rules, natives, and the scripts' syntax."""
+import pathlib, re, subprocess, sys, tempfile
 
 
-def main(root, kotlinc):
-    root = pathlib.Path(root)
+def main(root):
+    root, here = pathlib.Path(root), pathlib.Path(__file__).parent
     android, problems = root / "android", []
     check = lambda good, text: good or problems.append(text)
     library, sample = (android / m / "build.gradle.kts" for m in ("library", "sample"))
@@ -44,19 +44,24 @@ def main(root, kotlinc):
     names = lambda d: set(re.findall(r'name="(\w+)"', (android / "sample/src/main/res" / d / "strings.xml").read_text())) - {"app_name"}
     for language in ("values-de", "values-zh"):
         check(names(language) == names("values"), f"{language}: {sorted(names(language) ^ names('values'))}")
-    kinds = len(re.findall(r"^        [A-Z_]+,$", (android / "library/src/main/kotlin/dev/boxline/Results.kt").read_text(), re.M))
-    for language in ("values", "values-de", "values-zh"):
-        words = (android / "sample/src/main/res" / language / "strings.xml").read_text().count("<item>")
-        check(words == kinds, f"{language}: {words} reasons, Reason.Kind has {kinds}")
+    for file, array in (("Reason", "reasons"), ("Warning", "warnings")):
+        kinds = len(re.findall(r"^        [A-Z_]+,$", (android / f"library/src/main/kotlin/dev/boxline/{file}.kt").read_text(), re.M))
+        for language in ("values", "values-de", "values-zh"):
+            strings = (android / "sample/src/main/res" / language / "strings.xml").read_text()
+            words = re.search(rf'<string-array name="{array}">(.*?)</string-array>', strings, re.S)[1].count("<item>")
+            check(words == kinds, f"{language}: {words} {array}, {file}.Kind has {kinds}")
 
-    # A script that Kotlin cannot read says so; names that only Gradle knows are unresolved here, which is expected.
+    # Gradle's scripts as bodies of functions: names that only Gradle knows are unresolved here, which is expected; a script that
+    # Kotlin cannot read is a syntax error.
     with tempfile.TemporaryDirectory() as folder:
-        for path in text:
-            script = pathlib.Path(folder) / f"{path.parent.name}_{path.name.split('.')[0]}.main.kts"
-            shutil.copy(path, script)
-            done = subprocess.run([kotlinc, "-script", script], capture_output=True, text=True)
-            wrong = [line for line in (done.stdout + done.stderr).splitlines() if "syntax error" in line.lower() or "expecting" in line.lower()]
-            check(not wrong, f"{path}: " + "; ".join(wrong))
+        for number, (path, script) in enumerate(text.items()):
+            imports = "".join(re.findall(r"^import .*\n", script, re.M))
+            body = re.sub(r"^import .*\n", "", script, flags=re.M)
+            (pathlib.Path(folder) / f"{path.parent.name}_{path.name.split('.')[0]}.kt").write_text(f"{imports}fun script{number}() {{\n{body}\n}}\n")
+        said = subprocess.run([here / "kotlin", "scripts", folder], capture_output=True, text=True).stdout
+        wrong = [line for line in said.splitlines() if re.search("syntax error|expecting", line, re.I)]
+        check("unresolved reference" in said, "Gradle's scripts were not compiled: " + said)
+        check(not wrong, "; ".join(wrong))
     for problem in problems:
         print(f"   {problem}")
     sys.exit(1 if problems else 0)

@@ -1,4 +1,4 @@
-"""Looks at the libraries of a folder: inspect.py FOLDER shipped|testing [--most-mb N]. What they need, export and how they are laid out."""
+"""Looks at the libraries of a folder: libraries.py FOLDER shipped|testing [--most-mb N]. What they need, export and how they are laid out."""
 import pathlib, re, subprocess, sys
 from stubs import read
 
