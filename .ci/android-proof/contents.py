@@ -23,7 +23,7 @@ def problems_of(kind, archive):
         if name.endswith(".so") and b"NativeTesting" in archive.read(name):
             yield f"{name} has entry points for tests"
     if kind == "aar":
-        if "INTERNET" in archive.read("AndroidManifest.xml").decode():
+        if "permission.INTERNET" in archive.read("AndroidManifest.xml").decode():
             yield "the manifest asks for the internet"
         classes = zipfile.ZipFile(io.BytesIO(archive.read("classes.jar"))).namelist()
         for kept in re.findall(r"class ([\w.]+)", archive.read("proguard.txt").decode()):

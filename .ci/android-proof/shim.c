@@ -35,6 +35,9 @@ long bionic_sysconf(int name) {
   }
 }
 
+// No property is set.
+int bionic___system_property_get(const char *name, char *value) { (void)name; *value = 0; return 0; }
+
 // POSIX's, not GNU's.
 int bionic_strerror_r(int code, char *text, size_t bytes) {
   extern int __xpg_strerror_r(int, char *, size_t);

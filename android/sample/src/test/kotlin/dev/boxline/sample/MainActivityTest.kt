@@ -3,10 +3,13 @@ package dev.boxline.sample
 import android.Manifest
 import android.content.Intent
 import android.graphics.Bitmap
+import android.graphics.BitmapFactory
 import android.graphics.Canvas
+import android.graphics.drawable.BitmapDrawable
 import android.view.View
 import android.widget.Button
 import android.widget.TextView
+import dev.boxline.BoxMeter
 import dev.boxline.BoxSize
 import dev.boxline.Connection
 import dev.boxline.CubicMetres
@@ -24,9 +27,11 @@ import dev.boxline.SensorPoint
 import dev.boxline.Volume
 import dev.boxline.Warning
 import dev.boxline.intent.Dimensioning
+import kotlinx.coroutines.runBlocking
 import org.junit.Assert.assertEquals
 import org.junit.Assert.assertFalse
 import org.junit.Assert.assertTrue
+import org.junit.Assume.assumeTrue
 import org.junit.Test
 import org.junit.runner.RunWith
 import org.robolectric.Robolectric
@@ -36,6 +41,7 @@ import org.robolectric.Shadows.shadowOf
 import org.robolectric.annotation.Config
 import org.robolectric.annotation.GraphicsMode
 import java.io.File
+import java.nio.ByteBuffer
 
 /** The screen in its states, drawn by Android's own code; pictures go to the folder `boxline.screens`, to be looked at. */
 @RunWith(RobolectricTestRunner::class)
@@ -80,8 +86,26 @@ class MainActivityTest {
         assertFalse(it.findViewById<Button>(R.id.share).isEnabled)
     }
 
+    /** The whole way: the native library of this machine finds the face in a recorded picture, which stands in for the preview. */
     @Test
-    fun `a face in view is drawn`() = screen("live") {
+    fun `a real face is drawn over its picture`() {
+        assumeTrue(System.getProperty("boxline.library") != null)
+        val data = File(System.getProperty("boxline.data", "../../tests/data"))
+        val jpeg = File(data, "b02/a.jpg").readBytes()
+        val buffer = ByteBuffer.allocateDirect(jpeg.size).apply { put(jpeg).flip() }
+        val calibration = File(data, "calibration_set/calibration.json").readBytes()
+        val view = BoxMeter.open(calibration).use { meter -> runBlocking { meter.view(buffer) } }
+        screen("live") {
+            val preview = it.findViewById<View>(R.id.preview)
+            (preview.parent as View).background = BitmapDrawable(it.resources, BitmapFactory.decodeByteArray(jpeg, 0, jpeg.size))
+            preview.visibility = View.GONE
+            it.show(ScannerState(Connection.Live("SIM-0001"), view, 0))
+            assertEquals("Good. Hold still", it.text(R.id.status))
+        }
+    }
+
+    @Test
+    fun `a face held still is drawn in green`() = screen("steady") {
         it.show(ScannerState(Connection.Live("SIM-0001"), face, 0))
         assertEquals("Good. Hold still", it.text(R.id.status))
     }
