@@ -54,7 +54,7 @@ class ReportsTest {
         )
         val hint = moves.fold(ByteArray(0)) { all, (kind, numbers) -> all + field(1, field(1, kind) + numbers) } + field(2, "move so")
         val reject = field(1, "outline_unsure") + field(3, "unclear")
-        val face = field(2, 3) + field(9, reject) + field(12, hint)
+        val face = field(2, 3) + field(9, reject) + field(13, hint)
         val expected = listOf(
             Move.Closer(null), Move.Closer(Millimetres(50.0)), Move.Farther(Millimetres(70.0)), Move.Roll(Radians(-0.5)),
             Move.Aim(Radians(0.1), Radians(0.2)), Move.LookStraighter(Radians(0.3)),

@@ -35,7 +35,7 @@ internal fun measureResult(bytes: ByteArray): MeasureResult {
         else -> {
             // The report's own reason is that of the first face that is refused.
             val refused = faces.indexOfFirst { it.number(2) == REJECTED }.takeIf { it >= 0 }
-            MeasureResult.Rejected(reason(report.part(4), refused?.let { faces[it].message(12) }), refused, record)
+            MeasureResult.Rejected(reason(report.part(4), refused?.let { faces[it].message(13) }), refused, record)
         }
     }
 }
@@ -44,7 +44,7 @@ internal fun measureResult(bytes: ByteArray): MeasureResult {
 internal fun liveView(bytes: ByteArray): Pair<FaceView, Long> {
     val live = Wire.read(bytes)
     val face = live.part(1)
-    if (face.number(2) != MEASURED) return FaceView.Unmeasurable(reason(face.part(9), face.message(12))) to live.number(3)
+    if (face.number(2) != MEASURED) return FaceView.Unmeasurable(reason(face.part(9), face.message(13))) to live.number(3)
     val view = FaceView.Measurable(
         length = length(face.part(3)),
         width = length(face.part(4)),
