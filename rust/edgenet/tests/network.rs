@@ -115,6 +115,24 @@ fn both_runtimes_and_several_threads_see_the_same_in_a_frame() {
     assert_eq!(other.kind(), ErrorKind::NetworkRuntime);
 }
 
+#[test]
+fn the_8_bit_file_sees_the_same_lines() {
+    let frame = recorded("b02/a.jpg");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("models/boxnet-int8.onnx");
+    let float = EdgeNet::embedded(&options(Runtime::Tract)).unwrap().maps(&frame).unwrap();
+    for runtime in [Some(Runtime::Tract), onnx_runtime()].into_iter().flatten() {
+        let small = EdgeNet::from_path(&path, &options(runtime)).unwrap().maps(&frame).unwrap();
+        for channel in Channel::ALL {
+            let line = |map: &FaceMaps| map.channel(channel).iter().map(|p| *p >= 0.5).collect::<Vec<_>>();
+            let (a, b) = (line(&float), line(&small));
+            let both = a.iter().zip(&b).filter(|(x, y)| **x && **y).count();
+            let either = a.iter().zip(&b).filter(|(x, y)| **x || **y).count();
+            // An eighth of a line's pixels lie at its rim, where a step of 8 bits decides.
+            assert!(both as f64 >= 0.75 * either as f64, "{channel:?}: {both} of {either}");
+        }
+    }
+}
+
 fn largest_difference(a: &FaceMaps, b: &FaceMaps) -> f64 {
     let of =
         |channel| a.channel(channel).iter().zip(b.channel(channel)).map(|(a, b)| f64::from((a - b).abs()));

@@ -10,6 +10,7 @@ runtimes come from one run of the Rust timing program. Runs that are not there a
 import argparse
 import json
 import os
+import re
 import shlex
 import subprocess
 import tempfile
@@ -88,7 +89,7 @@ def figure_11(rows: list[Row], path: Path) -> None:
     """Precision, recall and F of the single map as bars; the seeds of one network are one bar with its spread."""
     groups: dict[str, list[Row]] = {}
     for row in rows:
-        groups.setdefault(row.name.split(", seed")[0] + (", fused map alone" if "fused map alone" in row.name else ""), []).append(row)
+        groups.setdefault(re.sub(", seed [0-9]+", "", row.name), []).append(row)
     figure, axis = plt.subplots(figsize=(11, 0.62 * len(groups) + 1.6), layout="constrained")
     place = np.arange(len(groups))[::-1]
     for shift, (key, colour) in enumerate((("precision", "#9ecae1"), ("recall", "#6baed6"), ("f", "#08519c"))):
@@ -135,7 +136,7 @@ def page(rows: list[Row], missing: list[str], arguments: argparse.Namespace) -> 
     lines = [
         "# BoxNet beside IHED and HED",
         "",
-        "Written by `training/comparison.py`; not edited by hand.",
+        f"Written by `training/comparison.py --runs RUNS --shipped RUN --time TIMER --frames {arguments.frames} --validation-frames {arguments.validation_frames}`; not edited by hand.",
         "",
         f"All on the same {arguments.frames} rendered frames with materials that training never showed (seeds from {arguments.seed}); thresholds from",
         f"{arguments.validation_frames} validation frames. What is scored is the paper's single map: the strongest of the four lasers on the face and the",
@@ -190,6 +191,7 @@ def page(rows: list[Row], missing: list[str], arguments: argparse.Namespace) -> 
         ]
     lines += ["", "![Frames, truth and what the networks see](docs/figure12.jpg)", "", "## Not shown", ""]
     lines += [f"- Missing: {name}; it was not trained." for name in missing] or ["- All runs are there."]
+    lines += ["- Long trainings: the paper's networks saw 40,000 images; what these saw is in the table, most of it at half size."]
     lines += ["- Real photographs: nothing here says how any of these networks does on them.", ""]
     return "\n".join(lines)
 
