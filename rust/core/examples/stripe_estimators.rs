@@ -1,11 +1,12 @@
-//! Centre of gravity against Steger's ridge point on recorded frames, judged by the scene's true geometry.
+//! Ways to find a stripe's centre on recorded frames, judged by the scene's true geometry. Prints the tables of
+//! `rust/decisions/0003-stripe-centre.md`.
 //!
-//! `cargo run --release -p boxline --example stripe_estimators -- tests/data/b01 tests/data/b02 ...`
+//! `cargo run --release -p boxline --example stripe_estimators -- tests/data/b0*`
 //!
 //! The true face (corners in `truth.json`) and the calibration's laser planes tell where each stripe is to a small part of
-//! a pixel. Per frame and estimator: the share of places where a centre was found, the robust scatter of the centres
-//! (1.48 x median deviation), the mean distance of a whole stripe from its true place (root mean square over the four
-//! stripes; this is what tilts the face's plane), and the share of centres more than 2 px off.
+//! a pixel. By recording, and by the stripe's brightness over all recordings: median, root mean square and 95 % point of the
+//! centres' distances from the truth across the stripe, the share of places with a centre, and how far whole stripes lie from
+//! their true places (root mean square; this is what tilts the face's plane).
 
 use boxline::diagnostics::{Estimator, stripe_residuals};
 use boxline::frames::Plane;
@@ -22,48 +23,116 @@ const ROWS: [usize; 2] = [4, 32];
 const ROUNDED_SHARE: f64 = 0.04;
 /// A centre farther off than this is another thing, px.
 const WRONG_PX: f64 = 2.0;
+const WAYS: [(&str, Estimator); 3] = [
+    ("centre of gravity", Estimator::CentreOfGravity),
+    ("Gaussian", Estimator::Gaussian),
+    ("Steger", Estimator::Steger),
+];
+/// Classes of the stripe's height over its background, grey levels of redness: the brightest ones are saturated.
+const BRIGHTNESS: [(f64, &str); 4] =
+    [(15.0, "below 15"), (40.0, "15 to 40"), (100.0, "40 to 100"), (f64::INFINITY, "above 100")];
+
+/// Centres found by one way.
+#[derive(Clone, Default)]
+struct Score {
+    places: usize,
+    distances_px: Vec<f64>,
+    /// Mean of each whole stripe, without what is another thing.
+    stripes_px: Vec<f64>,
+}
 
 fn main() -> Result<(), Failure> {
-    println!(
-        "recording frame rows |  centre of gravity: found scatter stripe wrong  |  Steger: found scatter stripe wrong"
-    );
-    for folder in std::env::args().skip(1) {
-        let folder = Path::new(&folder);
-        let recording = read_recording(folder)?;
-        let calibration = read_calibration(&recording.calibration_file)?;
-        let truth = read_truth(folder)?.ok_or("no truth.json")?;
-        for face in &truth.faces {
-            let Some(file) = recording.frames.iter().find(|f| f.id == face.frame).map(|f| &f.file) else {
-                continue;
-            };
-            let Some(plane) = true_plane(face) else { continue };
-            let frame = Frame::from_jpeg(&std::fs::read(file)?)?;
-            for rows in ROWS {
-                let name = folder.file_name().unwrap_or_default().to_string_lossy();
-                print!("{name:9} {:5} {rows:4}", face.frame);
-                for estimator in [Estimator::CentreOfGravity, Estimator::Steger] {
-                    let mut stripes = Vec::with_capacity(4);
-                    for laser in LaserId::ALL {
-                        if let Some(ends) = face.key_points_px.get(&laser.number()) {
-                            let ends = shortened(ends.map(|[u, v]| Px::new(u, v)));
-                            stripes.push(stripe_residuals(
-                                &frame,
-                                &calibration,
-                                &plane,
-                                laser,
-                                ends,
-                                rows,
-                                estimator,
-                            ));
-                        }
-                    }
-                    print!("  | {}", Score::of(&stripes));
-                }
-                println!();
-            }
+    for rows in ROWS {
+        let mut by_brightness = vec![[(); WAYS.len()].map(|()| Score::default()); BRIGHTNESS.len()];
+        println!("\n{rows} rows in a profile:\n");
+        header("Recording");
+        for folder in std::env::args().skip(1) {
+            let folder = Path::new(&folder);
+            let scores = recording(folder, rows, &mut by_brightness)?;
+            row(&folder.file_name().unwrap_or_default().to_string_lossy(), &scores, true);
+        }
+        println!();
+        header("Grey levels");
+        for ((_, name), scores) in BRIGHTNESS.iter().zip(&by_brightness) {
+            row(name, scores, false);
         }
     }
     Ok(())
+}
+
+fn header(first: &str) {
+    let names = WAYS.map(|(name, _)| format!("{name}: median | rms | 95 % | found | stripe"));
+    println!("| {first} | {} |", names.join(" | "));
+    println!("|---|{}", "---:|".repeat(5 * WAYS.len()));
+}
+
+fn row(name: &str, scores: &[Score; WAYS.len()], whole: bool) {
+    let cells: Vec<String> = scores.iter().map(|s| s.cells(whole)).collect();
+    println!("| {name} | {} |", cells.join(" | "));
+}
+
+/// All frames of a recording.
+fn recording(
+    folder: &Path,
+    rows: usize,
+    by_brightness: &mut [[Score; WAYS.len()]],
+) -> Result<[Score; WAYS.len()], Failure> {
+    let recording = read_recording(folder)?;
+    let calibration = read_calibration(&recording.calibration_file)?;
+    let truth = read_truth(folder)?.ok_or("no truth.json")?;
+    let mut scores = [(); WAYS.len()].map(|()| Score::default());
+    for face in &truth.faces {
+        let Some(file) = recording.frames.iter().find(|f| f.id == face.frame).map(|f| &f.file) else {
+            continue;
+        };
+        let Some(plane) = true_plane(face) else { continue };
+        let frame = Frame::from_jpeg(&std::fs::read(file)?)?;
+        for laser in LaserId::ALL {
+            let Some(ends) = face.key_points_px.get(&laser.number()) else { continue };
+            let ends = shortened(ends.map(|[u, v]| Px::new(u, v)));
+            let centres = WAYS.map(|(_, estimator)| {
+                stripe_residuals(&frame, &calibration, &plane, laser, ends, rows, estimator)
+            });
+            for (way, found) in centres.iter().enumerate() {
+                scores[way].places += found.len();
+                let near: Vec<f64> =
+                    found.iter().flatten().map(|c| c.residual_px).filter(|r| r.abs() < WRONG_PX).collect();
+                scores[way].stripes_px.push(near.iter().sum::<f64>() / near.len().max(1) as f64);
+                for (i, centre) in found.iter().enumerate() {
+                    // The class of a place is the same for all: the first way's height there, whose estimate all share.
+                    let height = centres.iter().find_map(|c| Some(c.get(i)?.as_ref()?.amplitude));
+                    let class = height.and_then(|h| BRIGHTNESS.iter().position(|(limit, _)| h < *limit));
+                    if let Some(class) = class {
+                        by_brightness[class][way].places += 1;
+                    }
+                    if let Some(centre) = centre {
+                        scores[way].distances_px.push(centre.residual_px.abs());
+                        if let Some(class) = class {
+                            by_brightness[class][way].distances_px.push(centre.residual_px.abs());
+                        }
+                    }
+                }
+            }
+        }
+    }
+    Ok(scores)
+}
+
+impl Score {
+    fn cells(&self, whole: bool) -> String {
+        let mut sorted = self.distances_px.clone();
+        sorted.sort_by(f64::total_cmp);
+        let at = |share: f64| sorted.get((share * (sorted.len() as f64 - 1.0)).max(0.0) as usize).copied();
+        let rms = |all: &[f64]| (all.iter().map(|r| r * r).sum::<f64>() / all.len().max(1) as f64).sqrt();
+        let found = 100.0 * sorted.len() as f64 / self.places.max(1) as f64;
+        format!(
+            "{:.3} | {:.3} | {:.3} | {found:.0} % | {}",
+            at(0.5).unwrap_or(f64::NAN),
+            rms(&sorted),
+            at(0.95).unwrap_or(f64::NAN),
+            if whole { format!("{:.3}", rms(&self.stripes_px)) } else { "-".into() },
+        )
+    }
 }
 
 /// The face's plane from three of its corners.
@@ -76,49 +145,4 @@ fn true_plane(face: &TruthFace) -> Option<Plane<boxline::frames::Cam>> {
 fn shortened([p, q]: [Px; 2]) -> [Px; 2] {
     let at = |t: f64| Px::new(p.u + (q.u - p.u) * t, p.v + (q.v - p.v) * t);
     [at(ROUNDED_SHARE), at(1.0 - ROUNDED_SHARE)]
-}
-
-struct Score {
-    found: f64,
-    scatter_px: f64,
-    stripe_px: f64,
-    wrong: f64,
-}
-
-impl Score {
-    fn of(stripes: &[Vec<Option<f64>>]) -> Self {
-        let places: usize = stripes.iter().map(Vec::len).sum();
-        let mut deviations = Vec::new();
-        let (mut offsets, mut wrong) = (0.0, 0);
-        for stripe in stripes {
-            let found: Vec<f64> = stripe.iter().flatten().copied().collect();
-            let middle = median(found.clone());
-            let near: Vec<f64> = found.iter().copied().filter(|r| (r - middle).abs() < WRONG_PX).collect();
-            offsets += (near.iter().sum::<f64>() / near.len().max(1) as f64).powi(2);
-            wrong += found.iter().filter(|r| r.abs() > WRONG_PX).count();
-            deviations.extend(found.iter().map(|r| (r - middle).abs()));
-        }
-        let found = deviations.len();
-        Self {
-            found: found as f64 / places.max(1) as f64,
-            scatter_px: 1.4826 * median(deviations),
-            stripe_px: (offsets / stripes.len().max(1) as f64).sqrt(),
-            wrong: wrong as f64 / found.max(1) as f64,
-        }
-    }
-}
-
-impl std::fmt::Display for Score {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { found, scatter_px, stripe_px, wrong } = self;
-        write!(f, "{:3.0} %  {scatter_px:.3}  {stripe_px:.3}  {:4.1} %", 100.0 * found, 100.0 * wrong)
-    }
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    if values.is_empty() {
-        return 0.0;
-    }
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }

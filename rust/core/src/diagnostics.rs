@@ -15,8 +15,17 @@ const MIN_SIGNAL_TO_NOISE: f64 = 3.0;
 /// Stripe width where it cannot be measured, px.
 const HALF_WIDTH_PX: f64 = 10.0;
 
-/// Signed distances (px, across) of the stripe centres of `laser` from where its plane and `plane` meet, one for every
-/// `rows` rows between two places on the stripe; `None` where no centre was found.
+/// A stripe's centre beside the truth.
+#[derive(Clone, Copy, Debug)]
+pub struct Centre {
+    /// Signed distance across the stripe, px.
+    pub residual_px: f64,
+    /// Height over the background, grey levels of redness.
+    pub amplitude: f64,
+}
+
+/// The stripe centres of `laser` beside where its plane and `plane` meet, one for every `rows` rows between two places on the
+/// stripe; `None` where no centre was found.
 #[must_use]
 pub fn stripe_residuals(
     frame: &Frame,
@@ -26,7 +35,7 @@ pub fn stripe_residuals(
     endpoints_px: [Px; 2],
     rows: usize,
     estimator: Estimator,
-) -> Vec<Option<f64>> {
+) -> Vec<Option<Centre>> {
     let line = StripeLine::new(calibration, laser, plane);
     let along = |px: Px| match line.walk {
         Walk::Rows => px.v,
@@ -48,6 +57,6 @@ pub fn stripe_residuals(
     };
     trace(frame, calibration, &line, range, first, &settings)
         .into_iter()
-        .map(|point| point.found.map(|found| found.residual_px))
+        .map(|point| point.found.map(|f| Centre { residual_px: f.residual_px, amplitude: f.amplitude }))
         .collect()
 }
