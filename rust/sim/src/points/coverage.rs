@@ -27,6 +27,7 @@ pub struct Tally {
     sum_error2: f64,
     sum_sigma2: f64,
     sum_z: f64,
+    sum_error: f64,
 }
 
 impl Tally {
@@ -38,11 +39,13 @@ impl Tally {
         self.beyond_5_sigma += usize::from(z.abs() > 5.0 && !noticed);
         self.sum_z += z;
         self.sum_z2 += z * z;
+        self.sum_error += error;
         self.sum_error2 += error * error;
         self.sum_sigma2 += sigma * sigma;
     }
 
-    fn side(&mut self, side: Estimate, truth_mm: f64, noticed: bool) {
+    /// Adds a side; `noticed` if the measurement warned.
+    pub fn side(&mut self, side: Estimate, truth_mm: f64, noticed: bool) {
         self.add(side.value_mm - truth_mm, side.sigma_mm, side.interval_95_mm(), truth_mm, noticed);
     }
 
@@ -68,16 +71,30 @@ impl Tally {
         self.mean(self.sum_z)
     }
 
+    /// Root mean square error, mm for sides.
+    #[must_use]
+    pub fn rms_error(&self) -> f64 {
+        self.mean(self.sum_error2).sqrt()
+    }
+
+    /// Mean error, mm for sides.
+    #[must_use]
+    pub fn mean_error(&self) -> f64 {
+        self.mean(self.sum_error)
+    }
+
     /// Share within 1 mm, 0 to 1.
     #[must_use]
     pub fn share_within_1_mm(&self) -> f64 {
         self.mean(self.within_1_mm as f64)
     }
 
-    fn json(&self) -> Value {
+    /// All of it as one object.
+    #[must_use]
+    pub fn json(&self) -> Value {
         json!({
             "count": self.count, "coverage_95": self.coverage(), "mean_z2": self.mean_z2(), "mean_z": self.mean_z(),
-            "rms_error": self.mean(self.sum_error2).sqrt(), "rms_sigma": self.mean(self.sum_sigma2).sqrt(),
+            "rms_error": self.rms_error(), "mean_error": self.mean_error(), "rms_sigma": self.mean(self.sum_sigma2).sqrt(),
             "within_1_mm": self.share_within_1_mm(), "beyond_5_sigma": self.beyond_5_sigma,
         })
     }
@@ -106,6 +123,23 @@ pub struct Coverage {
     pub warned: [usize; 5],
     /// Faces whose moved laser was named, and named rightly.
     pub named: [usize; 2],
+    /// Every side that is counted in [`Tally::beyond_5_sigma`].
+    pub beyond: Vec<Beyond>,
+}
+
+/// A side of a box that is off by more than 5 sigma although nothing was noticed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Beyond {
+    /// Seed of the box.
+    pub seed: u64,
+    /// The true side, mm.
+    pub truth_mm: f64,
+    /// What was measured.
+    pub side: Estimate,
+    /// Radius of the box's edges, mm, and the farthest that one of them shows inside the sharp edge.
+    pub radius_mm: f64,
+    /// See `radius_mm`.
+    pub most_inside_mm: f64,
 }
 
 impl Coverage {
@@ -123,15 +157,15 @@ impl Coverage {
     ) -> Result<Self, Error> {
         let mut found = Self { boxes, ..Self::default() };
         for index in 0..boxes {
-            let mut rng = Rng::new(seed.wrapping_add(index as u64), 0xB0C5);
-            let drawn = PointBox::random(&mut rng, calibration, conditions)?;
-            found.measure(&drawn, calibration, settings);
+            let seed = seed.wrapping_add(index as u64);
+            let drawn = PointBox::random(&mut Rng::new(seed, 0xB0C5), calibration, conditions)?;
+            found.measure(seed, &drawn, calibration, settings);
             progress();
         }
         Ok(found)
     }
 
-    fn measure(&mut self, drawn: &PointBox, calibration: &Calibration, settings: &Settings) {
+    fn measure(&mut self, seed: u64, drawn: &PointBox, calibration: &Calibration, settings: &Settings) {
         let faces = [0, 1]
             .map(|i| measure_points(calibration, &drawn.faces[i].stripes, &drawn.faces[i].sides, settings));
         for face in faces.iter().flatten() {
@@ -160,7 +194,13 @@ impl Coverage {
         for (side, truth_mm) in sides(&measured).into_iter().zip(drawn.size_mm) {
             let class = CLASSES_MM.iter().skip(1).position(|c| truth_mm <= *c).unwrap_or(4);
             self.classes[class].side(side, truth_mm, noticed);
+            let before = self.sides.beyond_5_sigma;
             self.sides.side(side, truth_mm, noticed);
+            if self.sides.beyond_5_sigma > before {
+                let most_inside_mm = drawn.inside_mm.iter().flatten().copied().fold(f64::MIN, f64::max);
+                let radius_mm = drawn.radius_mm;
+                self.beyond.push(Beyond { seed, truth_mm, side, radius_mm, most_inside_mm });
+            }
         }
         let truth_m3 = drawn.size_mm.iter().product::<f64>() * 1e-9;
         let volume = measured.volume;
@@ -206,6 +246,10 @@ impl Coverage {
             "sides": self.sides.json(), "face_sides": self.face_sides.json(), "volumes_permille": self.volumes.json(),
             "faces": self.faces, "warned": warned,
             "laser_named": self.named[0], "laser_named_rightly": self.named[1],
+            "beyond_5_sigma": self.beyond.iter().map(|b| json!({
+                "seed": b.seed, "true_mm": b.truth_mm, "measured_mm": b.side.value_mm, "sigma_mm": b.side.sigma_mm,
+                "radius_mm": b.radius_mm, "most_inside_mm": b.most_inside_mm,
+            })).collect::<Vec<_>>(),
         })
     }
 }
@@ -234,7 +278,7 @@ impl fmt::Display for Coverage {
                 t.coverage() * 100.0,
                 t.mean_z2(),
                 t.mean_z(),
-                t.mean(t.sum_error2).sqrt(),
+                t.rms_error(),
                 t.mean(t.sum_sigma2).sqrt(),
                 t.share_within_1_mm() * 100.0,
                 t.beyond_5_sigma
@@ -251,6 +295,14 @@ impl fmt::Display for Coverage {
             let of = if *kind == WarningKind::SidesDiffer { self.boxes } else { self.faces };
             writeln!(f, "{:<18} {count:>6} {:>7.2} %", kind.name(), 100.0 * count as f64 / of.max(1) as f64)?;
         }
-        write!(f, "a laser was named {} times, rightly {}", self.named[0], self.named[1])
+        write!(f, "a laser was named {} times, rightly {}", self.named[0], self.named[1])?;
+        for b in &self.beyond {
+            write!(
+                f,
+                "\nbeyond 5 sigma: seed {}, {:.1} mm measured as {:.2} ± {:.2}; edges of radius {:.2} mm show up to {:.2} mm inside",
+                b.seed, b.truth_mm, b.side.value_mm, b.side.sigma_mm, b.radius_mm, b.most_inside_mm
+            )?;
+        }
+        Ok(())
     }
 }

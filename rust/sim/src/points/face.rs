@@ -1,16 +1,20 @@
 //! One face of a rounded box under four lasers, as points.
 
+use super::rounding::{Edge, Light};
 use super::truth::PointFace;
 use crate::head::Head;
 use crate::pose::{Along, Crossing, FacePose, px_of};
 use crate::rng::Rng;
 use boxline::points::{SeenPoint, SeenSide};
 use boxline::{LaserId, Px};
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
-/// How the face departs from a sharp flat rectangle.
-#[derive(Clone, Copy, Debug)]
+/// How the face departs from a sharp flat rectangle, and what lights it.
+#[derive(Clone, Debug)]
 pub(super) struct Surface {
+    /// Columns: the face's right, down and into the box, in the axes of the box and its light.
+    pub box_from_face: Matrix3<f64>,
+    pub light: Light,
     pub radius_mm: f64,
     pub bulge_mm: f64,
     pub skew_rad: f64,
@@ -31,6 +35,10 @@ const OUTLIERS: (f64, f64) = (0.01, 4.0);
 /// Blur and unequal brightness move a whole edge, and its ends against each other, px, 1 sigma (physics.md: sub-pixel
 /// edges are good to about this).
 const EDGE_SHIFT_PX: f64 = 0.2;
+/// Blur of lens, motion and demosaicing, px.
+const BLUR_PX: (f64, f64) = (0.8, 1.3);
+/// Brightness of what lies behind a silhouette, of the face's: median, and scatter of its logarithm.
+const BEHIND: (f64, f64) = (0.67, 0.8);
 /// Part of a side at its corners without edge points.
 const CORNER_SHARE: f64 = 0.03;
 /// Around a stripe there are no edge points, px.
@@ -67,10 +75,11 @@ pub(super) fn see_face(rng: &mut Rng, head: &Head, pose: &FacePose, surface: &Su
     }
     let noise = Noise::draw(rng, (0.2, 0.7), (0.0, 0.7), (8.0, 16.0));
     let mut sides: [SeenSide; 4] = Default::default();
-    for (side, seen) in sides.iter_mut().enumerate() {
-        *seen = see_side(rng, head, pose, surface, side, &crossings, &noise)?;
+    let mut inside_mm = [0.0; 4];
+    for side in 0..4 {
+        (sides[side], inside_mm[side]) = see_side(rng, head, pose, surface, side, &crossings, &noise)?;
     }
-    Some(PointFace { stripes, sides })
+    Some(PointFace { stripes, sides, inside_mm })
 }
 
 impl Surface {
@@ -129,7 +138,7 @@ fn beside(at: Px, next: Px, across_px: f64) -> Px {
     Px::new(at.u - dv * across_px, at.v + du * across_px)
 }
 
-/// Side 0 is left, 1 right, 2 up, 3 down of the face's middle.
+/// A side, and how far inside the sharp edge it shows, mm. Side 0 is left, 1 right, 2 up, 3 down of the face's middle.
 fn see_side(
     rng: &mut Rng,
     head: &Head,
@@ -138,7 +147,7 @@ fn see_side(
     side: usize,
     crossings: &[Crossing; 4],
     noise: &Noise,
-) -> Option<SeenSide> {
+) -> Option<(SeenSide, f64)> {
     let axis = side / 2;
     let sign = if side.is_multiple_of(2) { -1.0 } else { 1.0 };
     let out: Vector3<f64> = pose.cam_from_face.column(axis) * sign;
@@ -150,20 +159,20 @@ fn see_side(
         let across = sign * pose.half[axis] + lean;
         if axis == 0 { pose.point(across, along) } else { pose.point(along, across) }
     };
-    let to_camera = -sharp(0.0).normalize();
-    let crease = to_camera.dot(&out) > 0.0;
-    // Which part of the rounding stands out: where light turns to shade on a crease, where sight ends on a silhouette.
-    let crease_angle =
-        (0.25 * std::f64::consts::PI + 0.44 * rng.normal()).clamp(0.0, std::f64::consts::FRAC_PI_2);
-    let inside_share = if rng.chance(0.2) { rng.range(0.0, 0.5) } else { 0.05 * rng.normal() };
-    let shown = |along: f64| -> Vector3<f64> {
-        let edge = sharp(along);
-        let r = surface.radius_mm;
-        let view = -edge.normalize();
-        let angle = if crease { crease_angle } else { view.dot(&-inwards).atan2(-view.dot(&out)) };
-        let inside = if crease { 0.0 } else { r * inside_share };
-        edge - out * (r * (1.0 - angle.sin()) + inside) + inwards * (r * (1.0 - angle.cos()))
+    let view = -sharp(0.0).normalize();
+    let view_tan = view.dot(&out) / -view.dot(&inwards);
+    let crease = view_tan > 0.0;
+    let mm_per_px = sharp(0.0).norm() / head.calibration.camera().fx;
+    let edge = Edge {
+        normal: -surface.box_from_face.column(2),
+        out: surface.box_from_face.column(axis) * sign,
+        view_tan,
+        radius_px: surface.radius_mm / mm_per_px,
+        blur_px: rng.range(BLUR_PX.0, BLUR_PX.1),
+        behind: (BEHIND.1 * rng.normal()).exp() * BEHIND.0,
     };
+    let inside_mm = surface.radius_mm * edge.inside_share(&surface.light);
+    let shown = |along: f64| sharp(along) - out * inside_mm;
     let stripes_px: Vec<Px> = crossings
         .iter()
         .flat_map(|c| c.at)
@@ -203,5 +212,5 @@ fn see_side(
             seen.beyond.push((LaserId::ALL[index], px_of(head, &surface_at(along))?));
         }
     }
-    Some(seen)
+    Some((seen, inside_mm))
 }

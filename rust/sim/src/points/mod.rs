@@ -4,6 +4,7 @@
 
 pub mod coverage;
 mod face;
+mod rounding;
 mod truth;
 
 pub use truth::{Conditions, PointBox, PointFace};

@@ -1,13 +1,14 @@
 //! What is drawn: a head that is not quite what its calibration says, a box, and two views of adjacent faces.
 
 use super::face::{Surface, see_face};
+use super::rounding::Light;
 use crate::error::Error;
 use crate::head::Head;
 use crate::pose::{FacePose, place_face, random_orientation};
 use crate::rng::Rng;
 use boxline::points::{SeenPoint, SeenSide};
 use boxline::{Calibration, CameraModel, LaserId};
-use nalgebra::{DMatrix, DVector, Rotation3, Unit, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, Unit, Vector3};
 
 /// What the drawn boxes have in common.
 #[derive(Clone, Copy, Debug)]
@@ -27,8 +28,10 @@ pub struct Conditions {
 pub struct PointFace {
     /// Points of the four stripes, along each.
     pub stripes: [Vec<SeenPoint>; 4],
-    /// The four sides.
+    /// The four sides: left, right, up, down.
     pub sides: [SeenSide; 4],
+    /// How far inside the sharp edge each shows, mm.
+    pub inside_mm: [f64; 4],
 }
 
 /// A box, seen twice.
@@ -40,12 +43,21 @@ pub struct PointBox {
     pub faces: [PointFace; 2],
     /// Which laser has the extra tilt.
     pub tilted: LaserId,
+    /// Radius of its edges, mm.
+    pub radius_mm: f64,
+    /// How far inside the sharp edge each side shows, mm; two faces, four sides.
+    pub inside_mm: [[f64; 4]; 2],
 }
 
 /// Sides of boxes, mm: every scale alike.
 const SIDES_MM: (f64, f64) = (100.0, 1800.0);
 /// Radius of cardboard edges, mm, every scale alike.
 const RADIUS_MM: (f64, f64) = (0.5, 4.0);
+/// Right, down and into the box of the two faces, in the axes of the box: both have its x to their right.
+const FACES: [Matrix3<f64>; 2] = [
+    Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
+    Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, -1.0, 0.0),
+];
 /// Farthest from looking straight at a face, degrees.
 const MOST_DEG: f64 = 35.0;
 
@@ -59,15 +71,26 @@ impl PointBox {
             let (head, tilted) = true_head(rng, known, conditions)?;
             let size = [0; 3].map(|_| rng.log_range(SIDES_MM.0, SIDES_MM.1));
             let radius_mm = rng.log_range(RADIUS_MM.0, RADIUS_MM.1);
-            let surface = Surface { radius_mm, bulge_mm: conditions.bulge_mm, skew_rad: conditions.skew_rad };
             // Two faces that share the first side.
             let poses = [[size[0], size[1]], [size[0], size[2]]].map(|face| stand(rng, &head, face));
             let [Some(a), Some(b)] = poses else { continue };
-            let seen = [a, b].map(|pose| see_face(rng, &head, &pose, &surface));
-            let [Some(a), Some(b)] = seen else { continue };
+            let light = Light::draw(rng, FACES.map(|face| -face.column(2)));
+            let [Some(a), Some(b)] = [(a, FACES[0]), (b, FACES[1])].map(|(pose, box_from_face)| {
+                let surface = Surface {
+                    box_from_face,
+                    light: light.clone(),
+                    radius_mm,
+                    bulge_mm: conditions.bulge_mm,
+                    skew_rad: conditions.skew_rad,
+                };
+                see_face(rng, &head, &pose, &surface)
+            }) else {
+                continue;
+            };
             let mut size_mm = size;
             size_mm.sort_by(|x, y| y.total_cmp(x));
-            return Ok(Self { size_mm, faces: [a, b], tilted });
+            let inside_mm = [a.inside_mm, b.inside_mm];
+            return Ok(Self { size_mm, faces: [a, b], tilted, radius_mm, inside_mm });
         }
     }
 }
