@@ -31,13 +31,15 @@ pub(crate) struct Correction {
 
 /// Radius of cardboard edges, mm: mean and standard deviation of 0.5 to 4 mm (physics.md), every scale alike.
 const RADIUS_MM: (f64, f64) = (1.68, 0.98);
-/// The strongest gradient on a crease lies this share of the radius inside the sharp edge where its rounding looks straight
-/// at the viewer's half; the light decides where on the rounding it really is. Rendered boxes: 0.1 to 0.3, scatter 0.35.
-const CREASE_SHARE: (f64, f64) = (0.29, 0.35);
+/// The strongest gradient on a crease lies this share of the radius inside the sharp edge when the face is seen straight on,
+/// less by the tangent of the view where the neighbouring face shows; and its scatter. It lies where the rounding begins if the
+/// neighbour is the brighter one and where it ends if it is darker, which light decides. Means over light, views and blur
+/// of a quarter cylinder under Lambert's law (`rust/sim/src/points/rounding.rs`); rendered boxes: 0.1 to 0.3, scatter 0.35.
+const CREASE_SHARE: (f64, f64) = (0.37, 0.41);
 /// The strongest gradient of a silhouette lies this share of the radius inside the touching ray, since the rounding's
-/// shading begins before it ends; and the scatter of that: shading, a neighbour of the same brightness behind. Means over
-/// the sides of rendered boxes.
-const SILHOUETTE_SHARE: (f64, f64) = (0.1, 0.2);
+/// shading begins before it ends; and the scatter of that: shading, a neighbour of the same brightness behind. From the same
+/// model (0.09, 0.26) and the same from rendered boxes (0.1).
+const SILHOUETTE_SHARE: (f64, f64) = (0.09, 0.26);
 /// Stripe points up to this far behind the face are used, mm: nearer ones lie on the rounding, farther ones only tell of
 /// the neighbouring face's own angle.
 const DEPTH_MM: (f64, f64) = (5.0, 120.0);
@@ -111,7 +113,7 @@ pub(crate) fn from_radius(fit: &FittedRectangle, side: usize) -> Correction {
     let (radius, radius_sigma) = RADIUS_MM;
     let tan = -out / facing.max(1e-3);
     let (share, share_sigma) = if tan < 0.0 {
-        // The neighbouring face is in view: the middle of the rounding as it appears.
+        // The neighbouring face is in view: between both ends of the rounding as it appears.
         (CREASE_SHARE.0 * (1.0 + tan).max(0.0), CREASE_SHARE.1)
     } else {
         // Silhouette: the ray that touches the rounding meets the face's plane r (1 + tan - 1 / cos) inside the edge.
