@@ -29,6 +29,15 @@ fn half_of(face: usize, half: &Vector3<f64>) -> [f32; 2] {
 
 /// A carton of these half sizes; everything is drawn from `rng`.
 pub fn carton(rng: &mut Rng, half: &Vector3<f64>, stock: &Stock) -> Carton {
+    drawn(rng, half, stock, true)
+}
+
+/// A carton without print along its edges.
+pub fn plain_edged(rng: &mut Rng, half: &Vector3<f64>, stock: &Stock) -> Carton {
+    drawn(rng, half, stock, false)
+}
+
+fn drawn(rng: &mut Rng, half: &Vector3<f64>, stock: &Stock, edged: bool) -> Carton {
     let kind = stock.pick(rng, &CARTONS);
     let Base { rgb, plain } = kind.what;
     let tint = [0; 3].map(|_| rng.normal() as f32 * 0.03);
@@ -48,7 +57,9 @@ pub fn carton(rng: &mut Rng, half: &Vector3<f64>, stock: &Stock) -> Carton {
     };
     let gloss = if plain { rng.range_f32(0.01, 0.05) } else { rng.pick([0.03, 0.06, 0.2, 0.35]) };
     let mut decals = Vec::new();
-    edging(rng, half, half_of, stock, &mut decals);
+    if edged {
+        edging(rng, half, half_of, stock, &mut decals);
+    }
     let mut ink = *stock.pick(rng, &INKS);
     // Ink that would not show on its board is printed in white.
     let apart: i32 = rgb.iter().zip(ink.what).map(|(b, i)| (i32::from(*b) - i32::from(i)).abs()).sum();

@@ -211,7 +211,7 @@ fn view(
 }
 
 /// Whether the head hangs free above the floor and sees the face past the stand.
-fn stands_free(head: &Head, view: &View, pose: &FacePose, stand: &[Body]) -> bool {
+pub(super) fn stands_free(head: &Head, view: &View, pose: &FacePose, stand: &[Body]) -> bool {
     let z = view.camera_mm.z;
     if !(HEAD_HEIGHT_MM.0..=HEAD_HEIGHT_MM.1).contains(&z) {
         return false;
@@ -242,7 +242,7 @@ fn in_the_way(head: &Head, view: &View, pose: &FacePose, body: &Body) -> bool {
 }
 
 /// Takes away whatever hides a face that is looked at; `fixed` bodies stay, the next up to `near` are the neighbours.
-fn clear_sight(scene: &mut Scene, head: &Head, fixed: usize, near: usize, words: &[&'static str]) {
+pub(super) fn clear_sight(scene: &mut Scene, head: &Head, fixed: usize, near: usize, words: &[&'static str]) {
     let views = scene.views.clone();
     let Some(target) = scene.target.and_then(|t| scene.bodies.get(t)).cloned() else { return };
     let mut index = 0;
@@ -267,7 +267,7 @@ fn clear_sight(scene: &mut Scene, head: &Head, fixed: usize, near: usize, words:
 }
 
 /// Sets each view's exposure from the light on the face it shows, half way as an automatic would.
-fn expose(rng: &mut Rng, scene: &mut Scene) {
+pub(super) fn expose(rng: &mut Rng, scene: &mut Scene) {
     let Some(target) = scene.target.and_then(|t| scene.bodies.get(t)) else { return };
     for view in &mut scene.views {
         let normal = -axes(view.face).column(2);

@@ -1,11 +1,13 @@
 //! A scene in world coordinates: z up, floor at z = 0, the target box upright about x = y = 0, its front towards -y.
 //!
-//! [`mod@compose`] draws a whole measurement (box, poses, surroundings, light); [`View`] says where the head stands.
+//! [`mod@compose`] draws a whole measurement (box, poses, surroundings, light), [`twin`] one of a box that is given; [`View`]
+//! says where the head stands.
 
 pub mod compose;
 pub mod light;
 pub mod room;
 pub mod stand;
+pub mod twin;
 
 pub use compose::{Plan, Scene, compose, empty, occlude};
 pub use light::Lighting;
