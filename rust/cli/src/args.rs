@@ -44,10 +44,13 @@ Examples:
   boxline evaluate tests/data/b01 tests/data/refuse --method both --json
   boxline evaluate --edges
   boxline evaluate tests/data --edges --model boxnet.onnx
+  boxline evaluate --simulate 60 --photos photos
+  boxline evaluate tests/data --experiments --out rust/EXPERIMENTS.md
 
 Reads folders that hold recording.json and truth.json, or parents of such folders. A recording whose truth has a box is
 measured as a pair of frames; any other recording frame by frame. Measuring where a refusal was due, and refusing where a
-measurement was due, is flagged as WRONG. Exit codes: 0 the evaluation ran, whatever it found; 2 broken input or usage.")]
+measurement was due, is flagged as WRONG. --simulate measures rendered boxes that training never shows, --experiments repeats the paper's
+experiments on rendered twins. Exit codes: 0 the evaluation ran, whatever it found; 2 broken input or usage.")]
     Evaluate(EvaluateArgs),
     /// Calibrates camera and lasers of a head from frames of the circle board
     #[command(after_help = "\
@@ -201,6 +204,21 @@ pub struct EvaluateArgs {
     /// JPEGs for the textures of rendered frames (rust/edgenet/training/photos.sh fills a folder)
     #[arg(long, value_name = "FOLDER")]
     pub photos: Option<PathBuf>,
+    /// Measure so many rendered boxes, two full frames each; errors by size of the side
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000), conflicts_with_all = ["folders", "calibration", "experiments"])]
+    pub simulate: Option<u64>,
+    /// Repeat the paper's experiments on rendered twins and, if they are given, on recordings; needs --out
+    #[arg(long, requires = "out", conflicts_with_all = ["calibration", "method", "edges"])]
+    pub experiments: bool,
+    /// The page that --experiments writes (.md); its picture goes beside it (.svg)
+    #[arg(long, value_name = "FILE", requires = "experiments")]
+    pub out: Option<PathBuf>,
+    /// Shots of each pose in --experiments; half as many of each box
+    #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=10_000))]
+    pub shots: u64,
+    /// Seed of --simulate and --experiments
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
     /// Print one JSON object
     #[arg(long)]
     pub json: bool,

@@ -1,12 +1,18 @@
 //! `boxline evaluate`: measures recordings whose truth is known and says how far off the results are.
 
 #[cfg(feature = "render")]
+mod experiments;
+#[cfg(feature = "render")]
 mod maps;
 mod score;
+#[cfg(feature = "render")]
+mod shots;
+#[cfg(feature = "render")]
+mod simulated;
 mod tables;
 
 use crate::Finished;
-use crate::args::{EdgeName, EvaluateArgs};
+use crate::args::EvaluateArgs;
 use crate::input::{Usage, lit_faces, pair, read_frame};
 use boxline::{
     Calibration, Error, ErrorKind, Frame, Method, Network, Settings, StageTimes, measure_box, measure_face,
@@ -22,11 +28,10 @@ pub use tables::table;
 
 /// Runs `boxline evaluate`.
 pub fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Finished> {
-    let edges = match args.edges {
-        Some(None) => return score_maps(args),
-        Some(Some(name)) => name,
-        None => EdgeName::default(),
-    };
+    if args.experiments || args.simulate.is_some() || args.edges == Some(None) {
+        return rendered(args);
+    }
+    let edges = args.edges.flatten().unwrap_or_default();
     if args.folders.is_empty() {
         return Err(
             Usage("a folder with recording.json and truth.json is needed, or --edges alone".into()).into()
@@ -64,15 +69,20 @@ pub fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Finished> {
     Ok(Finished { stdout, exit_code: 0 })
 }
 
+/// What needs the renderer.
 #[cfg(feature = "render")]
-fn score_maps(args: &EvaluateArgs) -> anyhow::Result<Finished> {
-    maps::evaluate(args)
+fn rendered(args: &EvaluateArgs) -> anyhow::Result<Finished> {
+    match (&args.out, args.simulate) {
+        (Some(page), _) if args.experiments => experiments::evaluate(args, page),
+        (_, Some(boxes)) => simulated::evaluate(args, boxes),
+        _ => maps::evaluate(args),
+    }
 }
 
 #[cfg(not(feature = "render"))]
-fn score_maps(_: &EvaluateArgs) -> anyhow::Result<Finished> {
-    Err(Usage("--edges without a name needs rendered frames, which this program was built without".into())
-        .into())
+fn rendered(_: &EvaluateArgs) -> anyhow::Result<Finished> {
+    let text = "--edges without a name, --simulate and --experiments need rendered frames, which this program was built without";
+    Err(Usage(text.into()).into())
 }
 
 /// The recording in a folder, or those in the folders inside it.
