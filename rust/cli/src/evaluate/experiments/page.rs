@@ -6,6 +6,9 @@ use super::{BENT_MM, Box3, Experiments, FACE_MM, N, Shots};
 use crate::args::EvaluateArgs;
 use std::fmt::Write;
 
+/// Farther off the head is not meant to measure (physics.md: 0.35 to 2.5 m), mm.
+const FARTHEST_MM: f64 = 2500.0;
+
 /// The whole page; `picture` is the name of figure 22's file.
 pub fn text(found: &Experiments, args: &EvaluateArgs, picture: &str) -> String {
     let shots = Shots::new(args.shots);
@@ -60,6 +63,10 @@ fn markdown(header: &[&str], rows: &[Vec<String>]) -> String {
     text
 }
 
+fn times(shots: u64) -> String {
+    format!("{shots} {}", if shots == 1 { "shot" } else { "shots" })
+}
+
 fn number(value: Option<f64>, digits: usize) -> String {
     value.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"))
 }
@@ -75,7 +82,11 @@ fn poses(found: &Experiments, shots: u64) -> String {
         let mut row = vec![
             (i + 1).to_string(),
             format!("{roll:.0}, {tilt:.0} about {axis:.0}"),
-            format!("{:.0}", pose.distance_mm),
+            format!(
+                "{:.0}{}",
+                pose.distance_mm,
+                if pose.distance_mm > FARTHEST_MM { ", too far" } else { "" }
+            ),
         ];
         for [length, width] in &pose.sides {
             row.push(length.values.len().to_string());
@@ -101,11 +112,15 @@ fn poses(found: &Experiments, shots: u64) -> String {
         "s",
     ];
     format!(
-        "## Table 3: a face of {:.0} x {:.0} mm in nine poses, {shots} shots each (the paper: 30)\n\n{}\n{}",
+        "## Table 3: a face of {:.0} x {:.0} mm in nine poses, {} each (the paper: 30)\n\n{}\n\
+         Up to {FARTHEST_MM:.0} mm, as far as the head is meant to measure. {}\n\
+         Farther off. {}",
         FACE_MM[0],
         FACE_MM[1],
+        times(shots),
         markdown(&header, &rows),
-        summary(found.poses.iter().map(|p| &p.sides))
+        summary(found.poses.iter().filter(|p| p.distance_mm <= FARTHEST_MM).map(|p| &p.sides)),
+        summary(found.poses.iter().filter(|p| p.distance_mm > FARTHEST_MM).map(|p| &p.sides))
     )
 }
 
@@ -166,9 +181,10 @@ fn repeated(found: &Experiments, shots: u64) -> String {
         "stated σ",
     ];
     format!(
-        "## Table 4: three boxes, {shots} shots each (the paper: 15)\n\n{}\n\
+        "## Table 4: three boxes, {} each (the paper: 15)\n\n{}\n\
          u_A = s / √n is the uncertainty of class A (eq. 22; GUM 4.2). It knows only what changes from shot to shot: rounding of edges,\n\
          calibration and drift do not, which is why the stated σ, which holds all of them, is larger.\n\n{}",
+        times(shots),
         markdown(&header, &rows),
         summary(found.repeated.iter().map(|b| &b.sides))
     )
@@ -199,7 +215,7 @@ fn boxes(found: &Experiments, shots: u64) -> String {
         row.push(paper());
         row
     };
-    let mut text = format!("## Table 5: six boxes\n\nTwins, mean of {shots} shots:\n\n");
+    let mut text = format!("## Table 5: six boxes\n\nTwins, {} in one place:\n\n", times(shots));
     text += &markdown(&header, &found.boxes.iter().map(of_twins).collect::<Vec<_>>());
     let _ = writeln!(text, "\n{}", summary(found.boxes.iter().map(|b| &b.sides))); // a String takes everything
     if !found.recorded.is_empty() {
@@ -265,8 +281,9 @@ fn bent(found: &Experiments, shots: u64) -> String {
         .collect();
     format!(
         "## Section 4.4: the box's surface\n\nA box of {} mm whose faces bulge outwards by so much in their middle (dents are negative) and not\n\
-         at their edges, {shots} shots each of one box in one place; *warned*: shots with a warning.\n\n{}",
+         at their edges, {} each of one box in one place; *warned*: shots with a warning.\n\n{}",
         BENT_MM.map(|s| format!("{s:.0}")).join(" x "),
+        times(shots),
         markdown(&header, &rows)
     )
 }
