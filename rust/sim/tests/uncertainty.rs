@@ -28,7 +28,9 @@ fn intervals_hold_the_truth_as_often_as_they_say() {
     for tally in [found.sides, found.face_sides] {
         assert!((0.90..=0.99).contains(&tally.coverage()), "{found}");
         assert!((0.68..=1.32).contains(&tally.mean_z2()), "{found}");
-        assert_eq!(tally.beyond_5_sigma, 0, "{found}");
+        // Radius times light has a longer tail than a normal distribution: 4 of 6000 sides (`rust/UNCERTAINTY.md`). More than 3 of
+        // 600 is one run in a thousand.
+        assert!(tally.beyond_5_sigma <= 3, "{found}");
     }
     // One volume a box: twice the scatter.
     assert!(found.volumes.coverage() > 0.88 && (0.55..=1.5).contains(&found.volumes.mean_z2()), "{found}");
