@@ -1,4 +1,4 @@
-//! Boxes to order, where [`super::compose`] draws them: a given size in given views, to repeat an experiment. Indoors,
+//! Boxes to order, where [`mod@super::compose`] draws them: a given size in given views, to repeat an experiment. Indoors,
 //! cartons without print along their edges, nothing touching them. Materials, stands, rooms and light are drawn all the same.
 
 use super::compose::{clear_sight, expose, stands_free};

@@ -4,7 +4,6 @@ use super::super::score::{BoxScore, PROMISE_MM};
 use super::super::shots::Series;
 use super::{BENT_MM, Box3, Experiments, FACE_MM, N, Shots};
 use crate::args::EvaluateArgs;
-use std::fmt::Write;
 
 /// Farther off the head is not meant to measure (physics.md: 0.35 to 2.5 m), mm.
 const FARTHEST_MM: f64 = 2500.0;
@@ -58,7 +57,7 @@ fn intro(args: &EvaluateArgs, shots: &Shots) -> String {
 fn markdown(header: &[&str], rows: &[Vec<String>]) -> String {
     let mut text = format!("| {} |\n|---|{}\n", header.join(" | "), "---:|".repeat(header.len() - 1));
     for row in rows {
-        let _ = writeln!(text, "| {} |", row.join(" | ")); // a String takes everything
+        text += &format!("| {} |\n", row.join(" | "));
     }
     text
 }
@@ -217,7 +216,7 @@ fn boxes(found: &Experiments, shots: u64) -> String {
     };
     let mut text = format!("## Table 5: six boxes\n\nTwins, {} in one place:\n\n", times(shots));
     text += &markdown(&header, &found.boxes.iter().map(of_twins).collect::<Vec<_>>());
-    let _ = writeln!(text, "\n{}", summary(found.boxes.iter().map(|b| &b.sides))); // a String takes everything
+    text += &format!("\n{}\n", summary(found.boxes.iter().map(|b| &b.sides)));
     if !found.recorded.is_empty() {
         text += "Recordings of a renderer that was written apart from this code, with their true calibration:\n\n";
         text += &markdown(&header, &found.recorded.iter().map(of_recorded).collect::<Vec<_>>());
