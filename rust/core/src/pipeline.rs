@@ -6,7 +6,7 @@ use crate::cuboid;
 use crate::edges::{EdgeDetector, hough::HoughDetector, subpixel::GradientDetector};
 use crate::error::{Error, ErrorKind};
 use crate::face::extent::{FaceStripes, Sight, follow_stripes, inner_segments};
-use crate::face::map_outline::{MapOutline, map_outline, mask_at_border};
+use crate::face::map_outline::{LEAST_EDGE, MapOutline, map_outline, mask_at_border};
 use crate::face::raster::PlaneRaster;
 use crate::face_lines::view::FacePose;
 use crate::feasibility::Hint;
@@ -274,9 +274,8 @@ fn measure_on_plane(
 /// along edges, gave 0.53 and 0.40, 0.89 and 0.85; the stricter ones hold.
 ///
 /// A side with less is right if both stripes leave the plane there, which print cannot make them do; it must still be a line that
-/// the network sees at all (`map_outline::LEAST_EDGE`).
+/// the network sees at all ([`LEAST_EDGE`]).
 const MIN_MAP_SUPPORT: f32 = 0.53;
-const MIN_MAP_SUPPORT_AT_ENDS: f32 = 0.15;
 const MIN_MAP_OVERLAP: f32 = 0.89;
 
 /// The face's outline in the maps, if it is clear enough.
@@ -290,7 +289,7 @@ fn seen_outline(
         (outline.support.iter().copied().fold(f32::INFINITY, f32::min), outline.overlap)
     });
     match outline {
-        Some(outline) if support >= MIN_MAP_SUPPORT_AT_ENDS && overlap >= MIN_MAP_OVERLAP => Ok(outline),
+        Some(outline) if support >= LEAST_EDGE && overlap >= MIN_MAP_OVERLAP => Ok(outline),
         _ => Err(match mask_at_border(maps) {
             Some((sides_cut, at)) => Reject::FaceCutByBorder { sides_cut, at },
             None => Reject::OutlineUnsure {

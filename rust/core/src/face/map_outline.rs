@@ -28,7 +28,7 @@ pub(crate) struct MapOutline {
 /// Largest angle between a stripe and the box's edge, as for the stripes' ends: the head is rolled by eye.
 const MAX_ANGLE_DEG: i32 = 32;
 /// Probability from which a pixel counts as edge, and as face.
-const LEAST_EDGE: f32 = 0.15;
+pub(crate) const LEAST_EDGE: f32 = 0.15;
 const LEAST_MASK: f32 = 0.5;
 /// Peaks kept a side; more are print.
 const PEAKS: usize = 3;
