@@ -24,7 +24,7 @@ import checkpoint
 import export
 import models
 import train
-from stream import FAKE_COMMAND, frames
+from stream import FAKE_COMMAND, Batch, frames
 
 FRAMES = 64
 STEPS = 56
@@ -40,11 +40,16 @@ class FixedFrames:
         self.all = list(frames(command, 0, FRAMES))
         self.received, self.next_seed, self.at = FRAMES, FRAMES, 0
         self.random = random.Random(0)
+        self.costs = np.full(FRAMES, np.nan)
 
-    def batch(self, size: int) -> argparse.Namespace:
-        part = [self.all[(self.at + i) % FRAMES] for i in range(size)]
+    def batch(self, size: int, hard: bool = False) -> Batch:
+        slots = [(self.at + i) % FRAMES for i in range(size)]
         self.at += size
-        return argparse.Namespace(rgb=np.stack([f.rgb for f in part]), labels=np.stack([f.labels for f in part]))
+        part = [self.all[slot] for slot in slots]
+        return Batch(np.stack([f.rgb for f in part]), np.stack([f.labels for f in part]), [f.meta for f in part], slots)
+
+    def judge(self, slots: list[int], costs: np.ndarray) -> None:
+        self.costs[slots] = costs
 
 
 def loss_shares(name: str, steps: int, data: FixedFrames, run: Path, **changes: object) -> tuple[float, train.Trainer]:
@@ -73,6 +78,9 @@ def main() -> None:
         first = trainer.one_step(data, 0.0)
         data.at = at
         checks.append(("boxnet: the next step is the same after resuming", math.isclose(first, again.one_step(data, 0.0), rel_tol=1e-4)))
+        trainer.one_step(data, trainer.options.hard_from)
+        judged = np.isfinite(data.costs).sum()
+        checks.append((f"boxnet: late in a sitting {judged} frames are judged", judged == trainer.options.batch))
         scores = train.validate(trainer.ema, trainer.task, data.all[:8])
         checks.append(("boxnet: scores are numbers", np.isfinite(scores["loss"]) and 0 <= scores["laser_f"] <= 1))
         model = models.named("boxnet")
