@@ -187,6 +187,31 @@ mod tests {
     }
 
     #[test]
+    fn the_strongest_candidate_of_a_scan_is_the_edge_to_a_pixel() {
+        let calibration = paper_head(0.25);
+        let truth = rectangle(&calibration);
+        let frame = picture(&calibration, &truth, 180, 90);
+        let (offsets, px) = (truth.offsets_mm, truth.mm_per_px);
+        for (side, (across, _)) in SIDES.into_iter().enumerate() {
+            let range = side_scan::ScanRange {
+                across,
+                from_mm: offsets[side] - 20.0 * px,
+                to_mm: offsets[side] + 20.0 * px,
+                span_mm: span_mm(&offsets, side),
+                step_mm: 0.8 * px,
+            };
+            let scan = side_scan::SideScan::new(&frame, &calibration, &truth.raster, &range);
+            let found = scan.candidates(8.0 * px, 4.0 * px, 0.2, 8);
+            let off_px = (found[0].offset_mm - offsets[side]) / px;
+            assert!(
+                found[0].strength > 0.9 && off_px.abs() < 1.0,
+                "side {side}: {off_px} px, {:?}",
+                found[0]
+            );
+        }
+    }
+
+    #[test]
     fn no_point_lies_where_laser_light_disturbs() {
         let calibration = paper_head(0.25);
         let truth = rectangle(&calibration);

@@ -155,11 +155,18 @@ impl SideScan {
         keep: usize,
     ) -> Vec<EdgeCandidate> {
         let max_drift = (max_drift_mm / self.step_mm).round().clamp(0.0, 40.0) as i64;
+        let best = self.best_strengths(max_drift);
         let mut all = Vec::new();
-        for (k, best) in self.best_strengths(max_drift).into_iter().enumerate() {
-            if best >= least {
-                let offset_mm = self.start_mm + k as f64 * self.step_mm;
-                all.push(EdgeCandidate { offset_mm, strength: best });
+        for (k, strength) in best.iter().copied().enumerate() {
+            if strength >= least {
+                // A step is seen over all its blur and a clear one is as strong everywhere there: it lies in the middle.
+                let same = |n: &&f32| **n == strength;
+                let (before, after) = (
+                    best[..k].iter().rev().take_while(same).count(),
+                    best[k + 1..].iter().take_while(same).count(),
+                );
+                let middle = k as f64 + 0.5 * (after as f64 - before as f64);
+                all.push(EdgeCandidate { offset_mm: self.start_mm + middle * self.step_mm, strength });
             }
         }
         all.sort_by(|a, b| b.strength.total_cmp(&a.strength));

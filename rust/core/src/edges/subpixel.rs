@@ -27,8 +27,10 @@ const ENOUGH_SHARE: f64 = 0.33;
 const CORNER_SHARE: f64 = 0.025;
 /// An edge point lies within this distance of the straight line that most points share, px.
 const NEAR_LINE_PX: f64 = 2.0;
-/// The line may differ from the prediction by this much at either end, px.
+/// The line may differ from the prediction by this much at either end, px ...
 const LINE_SEARCH_PX: f64 = 8.0;
+/// ... and by this much in the middle: another line that lies farther off was weighed against this one before.
+const LINE_SEARCH_MIDDLE_PX: f64 = 4.0;
 /// What half a pixel of distance costs, in shares of full support: 8 px cost 0.16.
 const FAR_COST: f32 = 0.01;
 /// Smallest step of brightness of an edge point, grey levels, and in units of the profile's noise.
@@ -216,10 +218,14 @@ fn points_on_line(profiles: &[Profile], window: usize) -> Vec<EdgePoint> {
     };
     // The straight line with the most support: offsets at both ends, half-pixel steps.
     let reach = (LINE_SEARCH_PX * PER_PX as f64) as i32;
+    let most = (2.0 * LINE_SEARCH_MIDDLE_PX * PER_PX as f64) as i32;
     let centre = (REACH_PX * PER_PX) as i32;
     let mut best = (f32::NEG_INFINITY, 0, 0);
     for first in -reach..=reach {
         for last in (first - 10).max(-reach)..=(first + 10).min(reach) {
+            if (first + last).abs() > most {
+                continue;
+            }
             let mut sum = 0.0;
             for (n, p) in profiles.iter().enumerate() {
                 let i = centre + (f64::from(first) + f64::from(last - first) * p.along).round() as i32;

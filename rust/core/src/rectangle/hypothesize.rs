@@ -35,6 +35,8 @@ const KEEP_AT_ENDS: usize = 3;
 const KEEP_INSIDE: usize = 4;
 /// Two candidates are one if they are closer than this, px.
 const APART_PX: f64 = 4.0;
+/// Where the stripes' ends alone tell the sides, a side keeps this clear of the stripe that runs along it, px.
+const STRIPE_CLEAR_PX: f64 = 6.0;
 /// A side may be turned against the raster by this much from end to end, px.
 const DRIFT_PX: f64 = 8.0;
 
@@ -72,10 +74,11 @@ pub(crate) fn hypothesize(
     let raster = raster.turned(angle);
     let ends = ends_by_side(calibration, face, &raster).ok_or_else(open)?;
 
-    let scale = Scale { mm_per_px, half_width_mm: face.half_width_px * mm_per_px };
     let mut sides = Vec::with_capacity(4);
     for (side, pair) in SIDES.iter().zip(&ends) {
-        sides.push(side_candidates(frame, calibration, face, &raster, *side, pair, &scale).ok_or_else(open)?);
+        sides.push(
+            side_candidates(frame, calibration, face, &raster, *side, pair, mm_per_px).ok_or_else(open)?,
+        );
     }
     let found = sides.iter().filter(|s| !s.is_empty()).count();
     if found < 4 {
@@ -87,7 +90,7 @@ pub(crate) fn hypothesize(
             Reject::RectangleOpen { sides_found: found as u8 }
         });
     }
-    let roughs = choose(frame, calibration, &raster, &sides, mm_per_px, which);
+    let roughs = choose(frame, calibration, &raster, &sides, mm_per_px, Known::Ends(which));
     if roughs.is_empty() { Err(cut_or_open(&ends, frame)) } else { Ok(roughs) }
 }
 
@@ -126,25 +129,22 @@ pub(crate) fn snap_to_image(
     for (side, ((across, high), pair)) in SIDES.into_iter().zip(&ends).enumerate() {
         let offset = outline.offsets_mm[side];
         // A stripe that ends beside the side says where, if it was seen all the way.
-        let (mut middle, mut weight) = (offset / (sigma * sigma), 1.0 / (sigma * sigma));
-        let mut ends_here = 0;
+        let mut ends_here = Vec::with_capacity(2);
         for end in pair.iter().filter(|e| !e.runs_on) {
             let spread = (END_SIGMA_PX + 0.36 * end.uncertainty_px) * px;
-            let distance = across.offset(end.at) - offset;
-            if distance.abs() < 3.0 * spread.hypot(sigma) {
-                middle += across.offset(end.at) / (spread * spread);
-                weight += 1.0 / (spread * spread);
-                ends_here += 1;
+            let at = across.offset(end.at);
+            if (at - offset).abs() < 3.0 * spread.hypot(sigma) {
+                ends_here.push((at, spread));
             }
         }
-        let (middle, spread) = (middle / weight, 1.5 * weight.sqrt().recip());
+        let inner = innermost(calibration, face, &raster, (across, high), px).ok_or_else(|| open(0))?;
         let sign = if high { 1.0 } else { -1.0 };
         let outwards = pair.map(|e| sign * (across.offset(e.at) - offset));
         flush[side] =
             pair.iter().zip(outwards).all(|(e, o)| e.runs_on || o > RUNS_BEYOND * LIMIT_BEYOND_PX * px);
         let needed = if flush[side] { SUPPORT_FLUSH } else { LEAST_BESIDE_MAP };
         let (support, beyond) = (outline.support[side], outline.face_beyond(calibration, maps, side));
-        let needed_support = match (flush[side], ends_here) {
+        let needed_support = match (flush[side], ends_here.len()) {
             (true, _) => MAP_SUPPORT_FLUSH,
             (false, 0) => MAP_SUPPORT_WITHOUT_ENDS,
             (false, 2) => 0.0,
@@ -170,12 +170,26 @@ pub(crate) fn snap_to_image(
                 step_mm: 0.8 * px,
             },
         );
-        let near = |e: &EdgeCandidate| e.strength / (1.0 + ((e.offset_mm - middle) / spread).powi(2) as f32);
+        // What is coplanar beyond the side, or hides the stripes before it, does so to both: they speak as one, the nearer. Two that
+        // disagree say nothing.
+        let agree = matches!(ends_here[..], [(a, _), (b, _)] if (a - b).abs() <= END_TOLERANCE_PX * px);
+        let near = |e: &EdgeCandidate| {
+            let by_ends = ends_here
+                .iter()
+                .filter(|_| agree)
+                .map(|(at, spread)| agreement(e.offset_mm - at, *spread))
+                .reduce(f64::max);
+            e.strength * (agreement(e.offset_mm - offset, sigma) * by_ends.unwrap_or(1.0)) as f32
+        };
         let mut edges: Vec<EdgeCandidate> = scan
             .candidates(DRIFT_PX * px, APART_PX * px, LEAST_BESIDE_MAP, 8)
             .into_iter()
-            .filter(|e| (e.offset_mm - middle).abs() <= reach)
+            .filter(|e| (e.offset_mm - offset).abs() <= reach)
             .collect();
+        // The stripe that runs along the side is none, unless nothing else is.
+        if edges.iter().any(|e| sign * e.offset_mm > inner) {
+            edges.retain(|e| sign * e.offset_mm > inner);
+        }
         edges.sort_by(|x, y| near(y).total_cmp(&near(x)));
         edges.truncate(KEEP);
         sides.push(
@@ -189,12 +203,17 @@ pub(crate) fn snap_to_image(
     if found < 4 {
         return Err(open(found));
     }
-    let roughs = choose(frame, calibration, &raster, &sides, px, Which::Best);
+    let roughs = choose(frame, calibration, &raster, &sides, px, Known::Outline);
     let mut rough = roughs.into_iter().next().ok_or_else(|| {
         corners_outside(frame, calibration, &raster, &outline.offsets_mm).unwrap_or_else(|| open(found))
     })?;
     rough.at_ends = flush.map(|f| !f);
     Ok(rough)
+}
+
+/// How well a place agrees with another, 1 at best: that of Cauchy's distribution, since both may be something else altogether.
+fn agreement(distance: f64, sigma: f64) -> f64 {
+    1.0 / (1.0 + (distance / (1.5 * sigma)).powi(2))
 }
 
 /// Where each stripe is to be followed when the maps have shown the face: a little beyond its two sides.
@@ -234,11 +253,6 @@ const MAP_SUPPORT_WITHOUT_ENDS: f32 = 0.7;
 const MAP_FACE_BEYOND: f32 = 0.33;
 /// ... and where they do not and the network has an edge.
 const LEAST_BESIDE_MAP: f32 = 0.2;
-
-struct Scale {
-    mm_per_px: f64,
-    half_width_mm: f64,
-}
 
 /// The two stripe ends of each side.
 fn ends_by_side(
@@ -325,6 +339,25 @@ struct Side {
     nearness: f32,
 }
 
+/// How far out the stripe ends that runs along a side, mm from the raster's middle: the outermost crossing and half its width.
+fn innermost(
+    calibration: &Calibration,
+    face: &FaceStripes,
+    raster: &PlaneRaster,
+    (across, high): (Across, bool),
+    mm_per_px: f64,
+) -> Option<f64> {
+    let sign = if high { 1.0 } else { -1.0 };
+    let mut inner = f64::NEG_INFINITY;
+    for id in across.stripes() {
+        for other in crossing_lasers(id) {
+            let at = raster.on_plane(calibration, crossing_px(calibration, &face.fit.plane, id, other)?)?;
+            inner = inner.max(sign * across.offset(at));
+        }
+    }
+    Some(inner + face.half_width_px * mm_per_px)
+}
+
 /// Offsets at which a side may lie; the one at the stripes' ends first.
 fn side_candidates(
     frame: &Frame,
@@ -333,19 +366,11 @@ fn side_candidates(
     raster: &PlaneRaster,
     (across, high): (Across, bool),
     pair: &[End; 2],
-    scale: &Scale,
+    mm_per_px: f64,
 ) -> Option<Vec<Side>> {
     let sign = if high { 1.0 } else { -1.0 };
-    let px = scale.mm_per_px;
-    // Outside the outermost crossing, clear of the stripe that runs parallel to the side.
-    let mut inner = f64::NEG_INFINITY;
-    for id in across.stripes() {
-        for other in crossing_lasers(id) {
-            let at = raster.on_plane(calibration, crossing_px(calibration, &face.fit.plane, id, other)?)?;
-            inner = inner.max(sign * across.offset(at));
-        }
-    }
-    let inner = inner + scale.half_width_mm + 6.0 * px;
+    let px = mm_per_px;
+    let inner = innermost(calibration, face, raster, (across, high), px)? + STRIPE_CLEAR_PX * px;
     let offsets = pair.map(|e| sign * across.offset(e.at));
     // A faint stripe is lost before it ends.
     let unsure = pair[0].uncertainty_px.max(pair[1].uncertainty_px);
@@ -418,9 +443,10 @@ fn choose(
     raster: &PlaneRaster,
     sides: &[Vec<Side>],
     mm_per_px: f64,
-    which: Which,
+    known: Known,
 ) -> Vec<RoughRectangle> {
-    let mut judge = Judge { frame, calibration, raster, sides, mm_per_px, known: BTreeMap::new() };
+    let by_ends = known != Known::Outline;
+    let mut judge = Judge { frame, calibration, raster, sides, mm_per_px, by_ends, known: BTreeMap::new() };
     let mut combinations: Vec<[usize; 4]> = Vec::new();
     let counts = [0, 1, 2, 3].map(|s| sides[s].len().min(KEEP));
     for i in 0..counts[0] {
@@ -445,7 +471,7 @@ fn choose(
     }
     let Some((_, chosen, rough)) = best else { return Vec::new() };
     let mut result = vec![rough];
-    if which == Which::WithAlternatives {
+    if known == Known::Ends(Which::WithAlternatives) {
         let mut others = Vec::new();
         for side in 0..4 {
             for (index, _) in sides[side].iter().enumerate().filter(|(_, s)| !s.at_end) {
@@ -460,6 +486,15 @@ fn choose(
         result.extend(others.into_iter().map(|o| o.rough));
     }
     result
+}
+
+/// What is known of the sides before the image's edges are compared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Known {
+    /// Where the stripes end.
+    Ends(Which),
+    /// The outline in a network's maps: how far a line lies from that counts.
+    Outline,
 }
 
 /// What the image says of one combination of sides.
@@ -477,6 +512,7 @@ struct Judge<'a> {
     raster: &'a PlaneRaster,
     sides: &'a [Vec<Side>],
     mm_per_px: f64,
+    by_ends: bool,
     known: BTreeMap<(usize, usize, usize, usize), f32>,
 }
 
@@ -510,8 +546,9 @@ impl Judge<'_> {
         // Where the stripes end and an edge is seen, that edge is the face's: other lines count only elsewhere.
         let settled = support.iter().zip(&chosen).filter(|(s, c)| c.at_end && **s >= CLEAR_SUPPORT).count();
         let sum: f64 = support.iter().zip(&chosen).map(|(s, c)| f64::from(s + c.nearness)).sum();
+        let likelihood: f64 = chosen.iter().map(|c| f64::from(c.nearness.max(1e-6)).ln()).sum();
         Some(Verdict {
-            score: SETTLED_WORTH * settled as f64 + sum,
+            score: if self.by_ends { SETTLED_WORTH * settled as f64 + sum } else { likelihood },
             clear: support.iter().all(|s| *s >= CLEAR_SUPPORT),
             rough: RoughRectangle {
                 raster: *raster,

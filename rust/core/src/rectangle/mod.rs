@@ -98,6 +98,7 @@ impl Observed<'_> {
             anchor,
             middles_mm: middles_mm(&start),
         };
+        let start = problem.at_medians(&start)?;
         let mut fit = refine(&problem, &start, Shape::Rectangle, ITERATIONS)?;
         let drift_rad = settings.drift_rad.max(f64::EPSILON);
         let mut causes = uncertainty::causes(&problem, &fit, [drift_rad; 4])?;
@@ -308,4 +309,56 @@ pub(crate) fn keep_out(
         }
     }
     places
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::paper_head::paper_head;
+    use key_points::crossing_on;
+    use nalgebra::Vector3;
+
+    /// Print along an edge takes two in five points of each side; the rough sides lie on the print.
+    #[test]
+    fn the_line_of_most_points_is_the_side_wherever_the_rough_one_lies() {
+        let calibration = paper_head(1.0);
+        let plane = Plane::new(Vector3::new(0.15, -0.1, 1.0) / 600.0);
+        let [l1, _, l3, l4] = LaserId::ALL;
+        let at = crossing_px(&calibration, &plane, l1, l3).expect("in view");
+        let towards = crossing_px(&calibration, &plane, l1, l4).expect("in view");
+        let raster = PlaneRaster::new(&calibration, &plane, at, towards).expect("in view");
+        let mm_per_px = raster.mm_per_px(&calibration, OnPlane::zeros()).expect("in view");
+        let sides_mm = [-60.0, 160.0, -50.0, 150.0];
+        let print_mm = 4.0 * mm_per_px;
+        let printed_mm =
+            [0, 1, 2, 3].map(|side| sides_mm[side] + if SIDES[side].1 { -print_mm } else { print_mm });
+        let pixel = |at| raster.pixel(&calibration, at).expect("in view");
+        let mut stripes = Vec::new();
+        for (across, _) in [SIDES[0], SIDES[2]] {
+            for laser in across.stripes() {
+                for step in 0..40 {
+                    let offset = -40.0 + 4.0 * f64::from(step);
+                    let along =
+                        crossing_on(&calibration, &raster, across, offset, laser).expect("it crosses");
+                    let at = pixel(across.at(offset, along));
+                    stripes.push(StripeObservation { laser, at, sigma_px: 0.3 });
+                }
+            }
+        }
+        let edges = [0, 1, 2, 3].map(|side| {
+            let (from, to) = span_mm(&sides_mm, side);
+            let points = (0..50).map(|i| {
+                let offset = if i % 5 < 2 { printed_mm[side] } else { sides_mm[side] };
+                let along = from + (to - from) * (f64::from(i) + 0.5) / 50.0;
+                EdgePoint { at: pixel(SIDES[side].0.at(offset, along)), sigma_px: 0.3 }
+            });
+            points.collect::<Vec<_>>()
+        });
+        let rough = RoughRectangle { raster, offsets_mm: printed_mm, at_ends: [true; 4], mm_per_px };
+        let observed = Observed { calibration: &calibration, stripes: &stripes, edges: &edges };
+        let fitted = observed.fit(&plane, &rough, &Settings::default()).expect("a rectangle");
+        for (found, truth) in lengths_mm(&fitted.fit.offsets_mm).into_iter().zip(lengths_mm(&sides_mm)) {
+            assert!((found - truth).abs() < 0.2 * mm_per_px, "{found} mm, {truth} mm are true");
+        }
+    }
 }

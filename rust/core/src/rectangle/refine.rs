@@ -176,6 +176,24 @@ impl<'a> Problem<'a> {
         Some(across.offset(on) + lever(side) * turn_rad(params, side).tan() * along - params[OFFSETS + side])
     }
 
+    /// The unknowns with each side where half of its points lie on either side of it: Tukey's weights settle on those points that
+    /// lie near where they begin, and a rough side may be some px beside its edge.
+    pub fn at_medians(&self, params: &Params) -> Option<Params> {
+        let raster = self.raster(params)?;
+        let mut moved = *params;
+        for (side, points) in self.edges.iter().enumerate() {
+            let mut beside_mm: Vec<f64> = points
+                .iter()
+                .filter_map(|p| self.beside_mm(self.calibration, &raster, params, side, p.at))
+                .collect();
+            if !beside_mm.is_empty() {
+                let middle = beside_mm.len() / 2;
+                moved[OFFSETS + side] += *beside_mm.select_nth_unstable_by(middle, f64::total_cmp).1;
+            }
+        }
+        Some(moved)
+    }
+
     fn stripe_row(&self, params: &Params, o: &StripeObservation) -> Option<Row> {
         let plane = Plane::new(Vector3::new(params[0], params[1], params[2]));
         let (px, per, x) = stripe_residual_px(self.calibration, &plane, o.laser, o.at)?;
