@@ -243,6 +243,7 @@ fn reject(message: v1::Reject) -> Result<Reject, Error> {
             overlap: number("overlap")?,
             needed_overlap: number("needed_overlap")?,
         },
+        "too_far" => Reject::TooFar { distance_mm: number("distance_mm")?, limit_mm: number("limit_mm")? },
         "not_a_rectangle" => {
             Reject::NotARectangle { rms_px: number("rms_px")?, limit_px: number("limit_px")? }
         }

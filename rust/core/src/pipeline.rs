@@ -9,7 +9,7 @@ use crate::face::extent::{FaceStripes, Sight, follow_stripes, inner_segments};
 use crate::face::map_outline::{LEAST_EDGE, MapOutline, map_outline, mask_at_border};
 use crate::face::raster::PlaneRaster;
 use crate::face_lines::view::FacePose;
-use crate::feasibility::Hint;
+use crate::feasibility::{self, Hint};
 use crate::frames::{Cam, Plane};
 use crate::image::Frame;
 use crate::image::redness::{Diagonal, RidgeMap, faint_ridge_map, half_redness, ridge_map};
@@ -111,6 +111,7 @@ pub fn measure_face_with_hint(
     check_wanted(settings)?; // what was cut short is no result
     let face =
         faces.and_then(|faces| faces.into_iter().next().ok_or(Reject::RectangleOpen { sides_found: 0 }));
+    let face = face.and_then(|face| too_far(calibration, &face).map_or(Ok(face), Err));
     Ok(match face {
         Ok(face) => (FaceOutcome::Measured(Box::new(face)), None),
         Err(reject) => {
@@ -118,6 +119,12 @@ pub fn measure_face_with_hint(
             (FaceOutcome::Rejected(reject), hint)
         }
     })
+}
+
+/// The refusal of a measured face that is too far away.
+fn too_far(calibration: &Calibration, face: &FaceMeasurement) -> Option<Reject> {
+    let pose = FacePose::from_corners(face.corners.map(|corner| corner.mm))?;
+    feasibility::too_far(calibration, &pose)
 }
 
 fn unwanted(settings: &Settings) -> bool {

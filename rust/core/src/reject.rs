@@ -60,6 +60,13 @@ pub enum Reject {
         /// The overlap that is needed.
         needed_overlap: f64,
     },
+    /// The face is seen from farther away than the head is made for, and could be measured from nearer.
+    TooFar {
+        /// Distance of the face's middle, mm.
+        distance_mm: f64,
+        /// From here the whole face is in view, mm.
+        limit_mm: f64,
+    },
     /// The four sides do not form a rectangle.
     NotARectangle {
         /// Root mean square of the edge residuals, px.
@@ -90,6 +97,7 @@ impl Reject {
             Self::FaceNotPlanar { .. } => "face_not_planar",
             Self::RectangleOpen { .. } => "rectangle_open",
             Self::OutlineUnsure { .. } => "outline_unsure",
+            Self::TooFar { .. } => "too_far",
             Self::NotARectangle { .. } => "not_a_rectangle",
             Self::SidesDisagree { .. } => "sides_disagree",
         }
@@ -122,6 +130,9 @@ impl Reject {
                 ("overlap", overlap),
                 ("needed_overlap", needed_overlap),
             ],
+            Self::TooFar { distance_mm, limit_mm } => {
+                vec![("distance_mm", distance_mm), ("limit_mm", limit_mm)]
+            }
             Self::RectangleOpen { sides_found } => vec![("sides_found", f64::from(sides_found))],
             Self::SidesDisagree { first, second, limit_mm } => vec![
                 ("first_mm", first.value_mm),
@@ -168,6 +179,12 @@ impl fmt::Display for Reject {
                 f,
                 "the face's outline is not clear: weakest side {support:.2}, needed {needed_support:.2}; \
                  overlap with the face {overlap:.2}, needed {needed_overlap:.2}"
+            ),
+            Self::TooFar { distance_mm, limit_mm } => write!(
+                f,
+                "the face is {:.2} m away and can be measured from {:.2} m",
+                distance_mm * 1e-3,
+                limit_mm * 1e-3
             ),
             Self::NotARectangle { rms_px, limit_px } => write!(
                 f,

@@ -50,6 +50,9 @@ impl Hint {
     /// The hint for a refused view, from the rectangle that was seen (in the camera frame) or from the refusal alone. `None`
     /// if moving does not help: the rectangle could be measured from here, or the refusal is of another kind.
     pub(crate) fn new(calibration: &Calibration, seen: Option<&FacePose>, reject: &Reject) -> Option<Self> {
+        if let Reject::TooFar { distance_mm, limit_mm } = reject {
+            return Some(Self { moves: vec![Move::Closer(Some(distance_mm - limit_mm))] });
+        }
         let geometric = matches!(
             reject,
             Reject::StripeMissing { .. }

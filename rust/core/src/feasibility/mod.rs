@@ -10,6 +10,7 @@ pub use sigma::SideSigmas;
 
 use crate::calibration::Calibration;
 use crate::face_lines::view::FacePose;
+use crate::reject::Reject;
 use crate::units::{LaserId, Px};
 use nalgebra::Vector3;
 
@@ -18,6 +19,19 @@ use nalgebra::Vector3;
 const MARGIN: f64 = 0.02;
 /// Nearest and farthest distance that is tried, mm: the stripes are blurred before and faint beyond (README, limits).
 pub(crate) const DISTANCES_MM: (f64, f64) = (250.0, 3000.0);
+/// The head is made for faces up to this distance, mm: the largest of 1800 x 900 mm fills the picture from 2.45 m on (physics.md). What
+/// is known in pixels grows with distance, lines that the network cannot tell from an edge above all: UNCERTAINTY.md.
+const FARTHEST_MM: f64 = 2500.0;
+
+/// The refusal of a face that is farther away than the head is made for although from there, along the same line of sight, it could be
+/// measured whole; a face too large for that is none.
+pub(crate) fn too_far(calibration: &Calibration, pose: &FacePose) -> Option<Reject> {
+    let distance_mm = pose.middle.norm();
+    let nearer = FacePose { middle: pose.middle * (FARTHEST_MM / distance_mm), ..*pose };
+    (distance_mm > FARTHEST_MM && obstacles(calibration, &nearer, 0.0).is_empty())
+        .then_some(Reject::TooFar { distance_mm, limit_mm: FARTHEST_MM })
+}
+
 /// Between two distances that are tried.
 const STEP: f64 = 1.03;
 
@@ -172,6 +186,24 @@ mod tests {
             let filled = (length + width) / near;
             assert!((0.95..1.35).contains(&filled), "{length} x {width}: nearest at {near}, {filled} z");
         }
+    }
+
+    #[test]
+    fn a_face_is_too_far_if_it_could_be_measured_from_nearer() {
+        let calibration = head();
+        let too_far_at = |size: [f64; 2], distance_mm: f64| {
+            let pose = best_view(&calibration, size, distance_mm).expect("in front");
+            too_far(&calibration, &pose)
+        };
+        assert_eq!(too_far_at([800.0, 600.0], 2450.0), None);
+        let found = too_far_at([800.0, 600.0], 3300.0);
+        assert!(
+            matches!(found, Some(Reject::TooFar { distance_mm, limit_mm })
+                if (distance_mm - 3300.0).abs() < 100.0 && limit_mm == FARTHEST_MM),
+            "{found:?}"
+        );
+        // The paper's largest sides on one face do not fit the picture from 2.5 m.
+        assert_eq!(too_far_at([1800.0, 1800.0], 3400.0), None);
     }
 
     #[test]
