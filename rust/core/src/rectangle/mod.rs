@@ -91,24 +91,34 @@ impl Observed<'_> {
         let towards = crossing_px(calibration, plane, l1, l4)?;
         let anchor = Anchor { at, towards };
         let start = start_from(calibration, rough, anchor)?;
-        let problem = Problem {
+        let mut problem = Problem {
             calibration,
             stripes: self.stripes,
             edges: self.edges,
             anchor,
             middles_mm: middles_mm(&start),
+            bow_px: &[],
         };
         let start = problem.at_medians(&start)?;
         let mut fit = refine(&problem, &start, Shape::Rectangle, ITERATIONS)?;
         let drift_rad = settings.drift_rad.max(f64::EPSILON);
         let mut causes = uncertainty::causes(&problem, &fit, [drift_rad; 4])?;
-        let checks = self_check::check(&fit, &causes, drift_rad).unwrap_or_default();
+        let checks = self_check::check(calibration, &fit, &causes, drift_rad).unwrap_or_default();
         let mut corner_angles = None;
+        // The plane that counts is that of the sides.
+        let bowed = !checks.bow_px.is_empty();
+        if bowed {
+            problem.bow_px = &checks.bow_px;
+            fit = refine(&problem, &fit.params, Shape::Rectangle, ITERATIONS)?;
+        }
         if settings.free {
             fit = refine(&problem, &fit.params, Shape::Quadrilateral, ITERATIONS)?;
         }
-        if settings.free || checks.tilt_rad.is_some() {
+        if settings.free || bowed || checks.tilt_rad.is_some() {
             causes = uncertainty::causes(&problem, &fit, uncertainty::tilts_rad(drift_rad, checks.tilt_rad))?;
+        }
+        for (row, bow_px) in fit.rows.iter_mut().zip(problem.bow_px) {
+            row.px += bow_px;
         }
         if settings.free {
             corner_angles = Some(uncertainty::corner_angles(&fit, &causes));

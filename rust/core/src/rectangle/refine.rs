@@ -103,6 +103,8 @@ pub(crate) struct Problem<'a> {
     pub anchor: Anchor,
     /// Middle of each side along its direction, about which it turns, mm.
     pub middles_mm: [f64; 4],
+    /// What the face's bow adds to the residual of each stripe point, px; empty for a flat face.
+    pub bow_px: &'a [f64],
 }
 
 /// What a residual belongs to.
@@ -250,6 +252,9 @@ impl<'a> Problem<'a> {
         let rasters = Rasters::new(self, params)?;
         let mut rows: Vec<Row> =
             self.stripes.iter().map(|o| self.stripe_row(params, o)).collect::<Option<_>>()?;
+        for (row, bow_px) in rows.iter_mut().zip(self.bow_px) {
+            row.px -= bow_px;
+        }
         let stripes = rows.len();
         for (side, points) in self.edges.iter().enumerate() {
             for p in points {

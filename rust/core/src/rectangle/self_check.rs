@@ -10,6 +10,8 @@
 use super::refine::{FittedRectangle, Row, SHAPE, Source, weigh_all};
 use super::surface;
 use super::uncertainty::{CAUSES, Causes, EDGE_SYSTEMATIC_PX, EDGES, TILTS};
+use crate::calibration::Calibration;
+use crate::face::outline::{SIDES, span_mm};
 use crate::units::LaserId;
 use crate::warning::{Warning, WarningKind};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
@@ -17,6 +19,11 @@ use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 /// What one sound face in a thousand exceeds: quantiles of chi-square with 1 and 4 degrees of freedom.
 const LIMIT_1: f64 = 10.83;
 const LIMIT_4: f64 = 18.47;
+/// ... and with 3.
+const LIMIT_3: f64 = 16.27;
+/// Ends of a stripe against those of the parabola through it, as a share of that one's height: 0 for a parabola, 0.20 and 0.27 for its
+/// square and cube, which are flat towards the ends.
+const NO_PARABOLA: f64 = 0.25;
 /// Whether the stripes lie on one plane is asked twice, each time for one sound face in two thousand: in general (5 degrees of freedom),
 /// and for each laser by itself (1, the largest of four), which sees the tilt of one laser at a smaller chi-square.
 const LIMIT_5: f64 = 22.11;
@@ -47,18 +54,26 @@ pub(crate) struct SelfCheck {
     pub warnings: Vec<Warning>,
     /// Tilt of a laser that the stripes show, rad, if the check failed.
     pub tilt_rad: Option<f64>,
-    /// How far the sides may lie from the fitted plane, mm, because the face is not flat.
+    /// How far the sides may lie from the plane, mm, because the face is not flat.
     pub off_plane_mm: f64,
+    /// Where one bow of the whole face explains the stripes: what it adds to each residual of a stripe, px, in the order of the rows;
+    /// zero at the stripes' ends, which lie on the sides.
+    pub bow_px: Vec<f64>,
 }
 
 /// Runs all checks.
-pub(super) fn check(fit: &FittedRectangle, causes: &Causes, drift_rad: f64) -> Option<SelfCheck> {
+pub(super) fn check(
+    calibration: &Calibration,
+    fit: &FittedRectangle,
+    causes: &Causes,
+    drift_rad: f64,
+) -> Option<SelfCheck> {
     let rows = &own_noise(&fit.rows)?;
     // What the stripes say among themselves: the sides, whose shape is another question, have no part in it.
     let stripes = System::new(rows, causes, |source| matches!(source, Source::Stripe(_)))?;
     let mut found = SelfCheck::default();
     coplanar(&stripes, drift_rad, &mut found)?;
-    straight(&stripes, fit, &mut found)?;
+    straight(&stripes, calibration, fit, &mut found)?;
     rectangular(&System::new(rows, causes, |_| true)?, fit, &mut found)?;
     Some(found)
 }
@@ -247,7 +262,7 @@ fn along_stripes(rows: &[Row]) -> Option<Vec<f64>> {
         let (first, last) = (rows[*used.first()?].at, rows[*used.last()?].at);
         let length = first.distance_px(last).max(1.0);
         let (du, dv) = ((last.u - first.u) / length, (last.v - first.v) / length);
-        for i in used {
+        for i in (0..rows.len()).filter(|i| rows[*i].source == Source::Stripe(laser)) {
             let at = rows[i].at;
             along[i] = 2.0 * ((at.u - first.u) * du + (at.v - first.v) * dv) / length - 1.0;
         }
@@ -285,7 +300,12 @@ fn coplanar(system: &System, drift_rad: f64, found: &mut SelfCheck) -> Option<()
 }
 
 /// Is each stripe straight?
-fn straight(system: &System, fit: &FittedRectangle, found: &mut SelfCheck) -> Option<()> {
+fn straight(
+    system: &System,
+    calibration: &Calibration,
+    fit: &FittedRectangle,
+    found: &mut SelfCheck,
+) -> Option<()> {
     let bends: Vec<usize> = BENDS.map(|i| SHAPE + i).collect();
     // Each stripe's own shift and slope, which hold all that the plane could explain.
     let others: Vec<usize> = LINES.map(|i| SHAPE + i).collect();
@@ -294,11 +314,15 @@ fn straight(system: &System, fit: &FittedRectangle, found: &mut SelfCheck) -> Op
         return Some(());
     }
     let mut most: Option<Warning> = None;
+    let mut stripes = Vec::with_capacity(4);
     for id in LaserId::ALL {
         let (bend, sigma) = system.test(&bends[id.index()..=id.index()], &others)?.single();
         let height_mm = height_of_px(fit, id);
         // The bend grows from -1/2 in the middle of the stripe to 1 at its ends.
         let (sagitta_mm, sigma_mm) = (-1.5 * bend * height_mm, 1.5 * sigma * height_mm.abs());
+        // On a bow over the whole face, a parabola each way, a stripe bends the less the nearer it is to the sides beside it.
+        let share = 1.0 - beside_middle(calibration, fit, id)?.powi(2);
+        stripes.push(Bent { bend, sigma, by_mm: -share / (1.5 * height_mm) });
         if most.is_none_or(|m| sagitta_mm.abs() > m.found.abs()) {
             most = Some(Warning {
                 kind: WarningKind::FaceNotFlat,
@@ -315,7 +339,54 @@ fn straight(system: &System, fit: &FittedRectangle, found: &mut SelfCheck) -> Op
         found.off_plane_mm = warning.found.abs() / 1.5;
         found.warnings.push(warning);
     }
+    if let Some(bow_mm) = common_bow_mm(&stripes) {
+        let along = along_stripes(&fit.rows)?;
+        let stripe = |r: &Row| if let Source::Stripe(laser) = r.source { stripes.get(laser) } else { None };
+        found.bow_px = fit
+            .rows
+            .iter()
+            .zip(along)
+            .map(|(row, t)| stripe(row).map_or(0.0, |s| 1.5 * s.by_mm * bow_mm * (t * t - 1.0)))
+            .collect();
+        found.off_plane_mm = bow_mm.abs() * NO_PARABOLA;
+    }
     Some(())
+}
+
+/// How one stripe is bent.
+struct Bent {
+    /// The added unknown and its sigma, px.
+    bend: f64,
+    sigma: f64,
+    /// What 1 mm of bow in the middle of the face makes of it, px.
+    by_mm: f64,
+}
+
+/// Height of the one bow that bends all stripes as they are bent, mm. `None` if they bend otherwise: print, or a dent somewhere.
+fn common_bow_mm(stripes: &[Bent]) -> Option<f64> {
+    let weighed =
+        |of: &dyn Fn(&Bent) -> f64| stripes.iter().map(|s| of(s) / (s.sigma * s.sigma)).sum::<f64>();
+    let power = weighed(&|s| s.by_mm * s.by_mm);
+    let bow_mm = weighed(&|s| s.by_mm * s.bend) / power;
+    let left = |s: &Bent| {
+        let expected = s.by_mm * bow_mm;
+        (s.bend - expected).powi(2) / (s.sigma.powi(2) + (NO_PARABOLA * expected).powi(2))
+    };
+    let chi_square: f64 = stripes.iter().map(left).sum();
+    // Without any weight it is no number.
+    (chi_square <= LIMIT_3 && bow_mm.is_finite()).then_some(bow_mm)
+}
+
+/// Where a stripe runs between the two sides beside it, -1 to 1.
+fn beside_middle(calibration: &Calibration, fit: &FittedRectangle, id: LaserId) -> Option<f64> {
+    let (across, _) = SIDES.into_iter().find(|(across, _)| across.stripes().contains(&id))?;
+    let side = SIDES.iter().position(|(a, _)| *a == across)?;
+    let (from, to) = span_mm(&fit.offsets_mm, side);
+    let of_stripe = fit.rows.iter().filter(|r| r.source == Source::Stripe(id.index()) && r.weight > 0.0);
+    let (sum, count) = of_stripe
+        .filter_map(|r| fit.raster.on_plane(calibration, r.at))
+        .fold((0.0, 0.0), |(s, n), at| (s + across.along(at), n + 1.0));
+    Some((2.0 * (sum / f64::max(count, 1.0) - from) / (to - from) - 1.0).clamp(-1.0, 1.0))
 }
 
 /// Mean over a stripe of [`surface::height_of_px`], mm.
