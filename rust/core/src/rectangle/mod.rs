@@ -328,47 +328,100 @@ mod tests {
     use key_points::crossing_on;
     use nalgebra::Vector3;
 
+    const SIDES_MM: [f64; 4] = [-60.0, 160.0, -50.0, 150.0];
+
+    /// A face with these sides, some 600 mm away.
+    fn face(calibration: &Calibration) -> RoughRectangle {
+        let plane = Plane::new(Vector3::new(0.15, -0.1, 1.0) / 600.0);
+        let [l1, _, l3, l4] = LaserId::ALL;
+        let at = crossing_px(calibration, &plane, l1, l3).expect("in view");
+        let towards = crossing_px(calibration, &plane, l1, l4).expect("in view");
+        let raster = PlaneRaster::new(calibration, &plane, at, towards).expect("in view");
+        let mm_per_px = raster.mm_per_px(calibration, OnPlane::zeros()).expect("in view");
+        RoughRectangle { raster, offsets_mm: SIDES_MM, at_ends: [true; 4], mm_per_px }
+    }
+
+    /// Its stripes, where it bulges by so much in the middle.
+    fn stripes(calibration: &Calibration, face: &RoughRectangle, bow_mm: f64) -> Vec<StripeObservation> {
+        let [a0, a1, b0, b1] = SIDES_MM;
+        let share = |x: f64, from: f64, to: f64| 1.0 - (2.0 * (x - from) / (to - from) - 1.0).powi(2);
+        let (normal, _) = face.raster.plane.normal_and_distance_mm();
+        let surface = |at: OnPlane| {
+            face.raster.cam_point(at).mm - normal * (bow_mm * share(at.x, a0, a1) * share(at.y, b0, b1))
+        };
+        let mut found = Vec::new();
+        for (across, _) in [SIDES[0], SIDES[2]] {
+            for laser in across.stripes() {
+                let p = calibration.laser(laser).per_mm;
+                for step in 0..45 {
+                    let offset = -45.0 + 4.4 * f64::from(step);
+                    let beside = |along: f64| p.dot(&surface(across.at(offset, along))) - 1.0;
+                    let mut along =
+                        crossing_on(calibration, &face.raster, across, offset, laser).expect("it crosses");
+                    for _ in 0..6 {
+                        along -= beside(along) / (beside(along + 0.5) - beside(along - 0.5));
+                    }
+                    let at = crate::frames::Point::from_vector(surface(across.at(offset, along)));
+                    let at = calibration.camera().px_from_point(&at).expect("in view");
+                    found.push(StripeObservation { laser, at, sigma_px: 0.3 });
+                }
+            }
+        }
+        found
+    }
+
+    /// Points along all sides, where `offset_mm` says that the point of this number lies.
+    fn edges(
+        calibration: &Calibration,
+        face: &RoughRectangle,
+        offset_mm: impl Fn(usize, u32) -> f64,
+    ) -> [Vec<EdgePoint>; 4] {
+        [0, 1, 2, 3].map(|side| {
+            let (from, to) = span_mm(&SIDES_MM, side);
+            let point = |i: u32| {
+                let along = from + (to - from) * (f64::from(i) + 0.5) / 50.0;
+                let at = face.raster.pixel(calibration, SIDES[side].0.at(offset_mm(side, i), along));
+                EdgePoint { at: at.expect("in view"), sigma_px: 0.3 }
+            };
+            (0..50).map(point).collect()
+        })
+    }
+
     /// Print along an edge takes two in five points of each side; the rough sides lie on the print.
     #[test]
     fn the_line_of_most_points_is_the_side_wherever_the_rough_one_lies() {
         let calibration = paper_head(1.0);
-        let plane = Plane::new(Vector3::new(0.15, -0.1, 1.0) / 600.0);
-        let [l1, _, l3, l4] = LaserId::ALL;
-        let at = crossing_px(&calibration, &plane, l1, l3).expect("in view");
-        let towards = crossing_px(&calibration, &plane, l1, l4).expect("in view");
-        let raster = PlaneRaster::new(&calibration, &plane, at, towards).expect("in view");
-        let mm_per_px = raster.mm_per_px(&calibration, OnPlane::zeros()).expect("in view");
-        let sides_mm = [-60.0, 160.0, -50.0, 150.0];
-        let print_mm = 4.0 * mm_per_px;
+        let truth = face(&calibration);
+        let print_mm = 4.0 * truth.mm_per_px;
         let printed_mm =
-            [0, 1, 2, 3].map(|side| sides_mm[side] + if SIDES[side].1 { -print_mm } else { print_mm });
-        let pixel = |at| raster.pixel(&calibration, at).expect("in view");
-        let mut stripes = Vec::new();
-        for (across, _) in [SIDES[0], SIDES[2]] {
-            for laser in across.stripes() {
-                for step in 0..40 {
-                    let offset = -40.0 + 4.0 * f64::from(step);
-                    let along =
-                        crossing_on(&calibration, &raster, across, offset, laser).expect("it crosses");
-                    let at = pixel(across.at(offset, along));
-                    stripes.push(StripeObservation { laser, at, sigma_px: 0.3 });
-                }
-            }
-        }
-        let edges = [0, 1, 2, 3].map(|side| {
-            let (from, to) = span_mm(&sides_mm, side);
-            let points = (0..50).map(|i| {
-                let offset = if i % 5 < 2 { printed_mm[side] } else { sides_mm[side] };
-                let along = from + (to - from) * (f64::from(i) + 0.5) / 50.0;
-                EdgePoint { at: pixel(SIDES[side].0.at(offset, along)), sigma_px: 0.3 }
-            });
-            points.collect::<Vec<_>>()
-        });
-        let rough = RoughRectangle { raster, offsets_mm: printed_mm, at_ends: [true; 4], mm_per_px };
+            [0, 1, 2, 3].map(|side| SIDES_MM[side] + if SIDES[side].1 { -print_mm } else { print_mm });
+        let stripes = stripes(&calibration, &truth, 0.0);
+        let edges =
+            edges(&calibration, &truth, |side, i| if i % 5 < 2 { printed_mm[side] } else { SIDES_MM[side] });
+        let rough = RoughRectangle { offsets_mm: printed_mm, ..truth.clone() };
         let observed = Observed { calibration: &calibration, stripes: &stripes, edges: &edges };
-        let fitted = observed.fit(&plane, &rough, &Settings::default()).expect("a rectangle");
-        for (found, truth) in lengths_mm(&fitted.fit.offsets_mm).into_iter().zip(lengths_mm(&sides_mm)) {
-            assert!((found - truth).abs() < 0.2 * mm_per_px, "{found} mm, {truth} mm are true");
+        let fitted = observed.fit(&truth.raster.plane, &rough, &Settings::default()).expect("a rectangle");
+        for (found, true_mm) in lengths_mm(&fitted.fit.offsets_mm).into_iter().zip(lengths_mm(&SIDES_MM)) {
+            assert!((found - true_mm).abs() < 0.2 * truth.mm_per_px, "{found} mm, {true_mm} mm are true");
+        }
+    }
+
+    /// A face as a plane would come out 2 mm wrong.
+    #[test]
+    fn a_bowed_face_has_the_size_of_its_sides() {
+        let calibration = paper_head(1.0);
+        let truth = face(&calibration);
+        let edges = edges(&calibration, &truth, |side, _| SIDES_MM[side]);
+        for bow_mm in [8.0, -8.0] {
+            let stripes = stripes(&calibration, &truth, bow_mm);
+            let observed = Observed { calibration: &calibration, stripes: &stripes, edges: &edges };
+            let fitted =
+                observed.fit(&truth.raster.plane, &truth, &Settings::default()).expect("a rectangle");
+            assert!(!fitted.checks.warnings.is_empty(), "{bow_mm} mm are not told");
+            for (found, true_mm) in lengths_mm(&fitted.fit.offsets_mm).into_iter().zip(lengths_mm(&SIDES_MM))
+            {
+                assert!((found - true_mm).abs() < 0.4, "{bow_mm}: {found} mm, {true_mm} mm are true");
+            }
         }
     }
 }
