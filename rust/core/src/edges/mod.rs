@@ -2,6 +2,7 @@
 //! along the predicted normals ([`subpixel`]) or by the paper's edge map and Hough transform ([`map`], [`hough`]).
 
 pub(crate) mod hough;
+mod line_tone;
 pub(crate) mod map;
 pub(crate) mod side_scan;
 pub(crate) mod subpixel;
@@ -10,7 +11,6 @@ use crate::calibration::Calibration;
 use crate::face::outline::RoughRectangle;
 use crate::image::Frame;
 use crate::units::Px;
-use std::sync::LazyLock;
 
 /// A point on a side of the face.
 #[derive(Clone, Copy, Debug)]
@@ -38,26 +38,23 @@ pub(crate) trait EdgeDetector {
 pub(crate) type Tone = [f32; 2];
 
 /// The tone at a sub-pixel position.
-#[inline]
+#[cfg(test)]
 pub(crate) fn tone(frame: &Frame, u: f64, v: f64) -> Option<Tone> {
-    tone_of(frame, u, v, f32::from)
+    Some(tones(frame, &linear_light(), u, v)?.0)
 }
 
-/// The tone in linear light, full scale 255. A blurred step lies where light is half way between its sides; the tone curve
+/// Linear light of each grey level, full scale 255. A blurred step lies where light is half way between its sides; the tone curve
 /// moves that towards the dark side, by up to a pixel.
-#[inline]
-pub(crate) fn light(frame: &Frame, u: f64, v: f64) -> Option<Tone> {
-    static LINEAR: LazyLock<[f32; 256]> = LazyLock::new(|| {
-        std::array::from_fn(|level| {
-            let c = level as f32 / 255.0;
-            255.0 * if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }
-        })
-    });
-    tone_of(frame, u, v, |level| LINEAR[usize::from(level)])
+pub(crate) fn linear_light() -> [f32; 256] {
+    std::array::from_fn(|level| {
+        let c = level as f32 / 255.0;
+        255.0 * if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }
+    })
 }
 
+/// The tone at a sub-pixel position, and the same in [`linear_light`].
 #[inline]
-fn tone_of(frame: &Frame, u: f64, v: f64, value: impl Fn(u8) -> f32) -> Option<Tone> {
+pub(crate) fn tones(frame: &Frame, linear: &[f32; 256], u: f64, v: f64) -> Option<(Tone, Tone)> {
     let (w, h) = (frame.width_px(), frame.height_px());
     if !(u >= 0.0 && v >= 0.0) {
         return None;
@@ -71,18 +68,20 @@ fn tone_of(frame: &Frame, u: f64, v: f64, value: impl Fn(u8) -> f32) -> Option<T
     }
     let rows = [y, y + 1].map(|row| frame.rgb().get((row * w + x) * 3..(row * w + x) * 3 + 6));
     let [Some(top), Some(bottom)] = rows else { return None };
-    let mut result = [0.0; 2];
+    let (mut tone, mut light) = ([0.0; 2], [0.0; 2]);
     for (p, weight) in [
         (&top[..3], (1.0 - fu) * (1.0 - fv)),
         (&top[3..], fu * (1.0 - fv)),
         (&bottom[..3], (1.0 - fu) * fv),
         (&bottom[3..], fu * fv),
     ] {
-        let [red, green, blue] = [p[0], p[1], p[2]].map(&value);
-        result[0] += weight * 0.5 * (green + blue);
-        result[1] += weight * 0.5 * (red - blue);
+        let half = 0.5 * weight;
+        let [red, green, blue] = [p[0], p[1], p[2]].map(f32::from);
+        tone = [tone[0] + half * (green + blue), tone[1] + half * (red - blue)];
+        let [red, green, blue] = [p[0], p[1], p[2]].map(|level| linear[usize::from(level)]);
+        light = [light[0] + half * (green + blue), light[1] + half * (red - blue)];
     }
-    Some(result)
+    Some((tone, light))
 }
 
 /// Scale of zero-mean noise from the median of its absolute values; `floor` where the picture is flat.

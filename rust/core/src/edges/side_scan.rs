@@ -2,11 +2,13 @@
 //! across it, and an edge is where most segments show a step (or a thin dark line: the seam between flush boxes) at the
 //! same place. Print, labels and tape seldom run the whole length of a side.
 
-use super::{noise_of, tone};
+use super::line_tone::LineTones;
+use super::noise_of;
 use crate::calibration::Calibration;
 use crate::face::outline::Across;
 use crate::face::raster::PlaneRaster;
 use crate::image::Frame;
+use crate::units::Px;
 
 /// Segments of a side.
 pub(crate) const SEGMENTS: usize = 16;
@@ -16,7 +18,8 @@ const SAMPLES: usize = 10;
 const REACH: usize = 2;
 /// A step this many noise sigmas high counts fully; one segment must not outvote the others.
 const FULL_SIGMAS: f32 = 5.0;
-/// Exact projections every so many scan steps, straight lines between: distortion bends by less than 0.05 px there.
+/// Exact projections every so many scan steps and at the segments' ends, straight lines between: distortion bends by less than
+/// 0.05 px there.
 const NODE: usize = 32;
 
 /// What is scanned.
@@ -52,66 +55,75 @@ pub(crate) struct EdgeCandidate {
     pub strength: f32,
 }
 
+/// Raises the evidence of one segment to what its mean profile shows, channel by channel.
+fn add_evidence(channels: &[Vec<f32>; 2], out: &mut [f32]) {
+    let n = out.len();
+    if n < 16 + 4 * REACH {
+        return;
+    }
+    let mut value = Vec::with_capacity(n);
+    let mut sorted = Vec::with_capacity(n);
+    for (channel, tone) in channels.iter().enumerate() {
+        let (before, after) = (&tone[REACH..n - 3 * REACH], &tone[3 * REACH..n - REACH]);
+        value.clear();
+        value.extend(after.iter().zip(before).map(|(a, b)| (a - b).abs()));
+        sorted.clear();
+        sorted.extend(value.iter().filter(|s| s.is_finite()));
+        if sorted.len() < 16 {
+            continue;
+        }
+        let sigma = noise_of(&mut sorted, 0.5);
+        if channel == 0 {
+            // A thin line must be dark: the gap between two boxes.
+            let beside = tone.iter().zip(&tone[4 * REACH..]);
+            for ((v, here), (left, right)) in value.iter_mut().zip(&tone[2 * REACH..]).zip(beside) {
+                *v = v.max(-1.5 * (here - 0.5 * (left + right)));
+            }
+        }
+        for (o, v) in out[2 * REACH..].iter_mut().zip(&value) {
+            let seen = ((v / sigma - 1.0) / (FULL_SIGMAS - 1.0)).clamp(0.0, 1.0);
+            *o = o.max(seen); // keeps what it has where nothing is seen (NaN)
+        }
+    }
+}
+
 impl SideScan {
     /// Gathers the evidence of all segments.
     pub fn new(frame: &Frame, calibration: &Calibration, raster: &PlaneRaster, range: &ScanRange) -> Self {
         let ScanRange { across, from_mm, to_mm, span_mm, step_mm } = *range;
         let steps = (((to_mm - from_mm) / step_mm).ceil().max(0.0) as usize + 1).min(6000);
         let mut strength = vec![0f32; SEGMENTS * steps];
-        let mut sum = vec![[0f32; 2]; steps];
-        let mut count = vec![0f32; steps];
-        let mut sorted = Vec::with_capacity(steps);
-        for segment in 0..SEGMENTS {
-            sum.fill([0.0; 2]);
-            count.fill(0.0);
-            for sample in 0..SAMPLES {
-                let t = (segment as f64 + (sample as f64 + 0.5) / SAMPLES as f64) / SEGMENTS as f64;
-                let along = span_mm.0 + (span_mm.1 - span_mm.0) * t;
-                let mut here = raster.pixel(calibration, across.at(from_mm, along));
-                for node in (0..steps).step_by(NODE) {
-                    let last = (node + NODE).min(steps);
-                    let there =
-                        raster.pixel(calibration, across.at(from_mm + (node + NODE) as f64 * step_mm, along));
-                    if let (Some(p), Some(q)) = (here, there) {
-                        let (du, dv) = ((q.u - p.u) / NODE as f64, (q.v - p.v) / NODE as f64);
-                        for k in node..last {
-                            let s = (k - node) as f64;
-                            if let Some([y, c]) = tone(frame, p.u + du * s, p.v + dv * s) {
-                                sum[k][0] += y;
-                                sum[k][1] += c;
-                                count[k] += 1.0;
-                            }
-                        }
-                    }
-                    here = there;
+        let mut tones = LineTones::new(steps);
+        let mut channels = [const { Vec::new() }; 2];
+        let length = span_mm.1 - span_mm.0;
+        // Where the scan's nodes are in the image, at a position along the side.
+        let nodes_at = |t: f64| -> Vec<Option<Px>> {
+            let along = span_mm.0 + length * t;
+            let nodes = (0..steps + NODE).step_by(NODE);
+            nodes.map(|k| raster.pixel(calibration, across.at(from_mm + k as f64 * step_mm, along))).collect()
+        };
+        let mut begin = nodes_at(0.0);
+        for (segment, out) in strength.chunks_exact_mut(steps).enumerate() {
+            let end = nodes_at((segment + 1) as f64 / SEGMENTS as f64);
+            tones.clear();
+            for (n, (from, to)) in begin.windows(2).zip(end.windows(2)).enumerate() {
+                let ([Some(b), Some(b_next)], [Some(e), Some(e_next)]) = (from, to) else { continue };
+                let places = n * NODE..((n + 1) * NODE).min(steps);
+                for sample in 0..SAMPLES {
+                    // Straight between the segment's ends: what perspective changes there lies along the side.
+                    let t = (sample as f64 + 0.5) / SAMPLES as f64;
+                    let between = |p: &Px, q: &Px| [p.u + (q.u - p.u) * t, p.v + (q.v - p.v) * t];
+                    let ([u, v], [next_u, next_v]) = (between(b, e), between(b_next, e_next));
+                    let step_px = [(next_u - u) / NODE as f64, (next_v - v) / NODE as f64];
+                    tones.add(frame, places.clone(), Px::new(u, v), step_px);
                 }
             }
-            for (s, c) in sum.iter_mut().zip(&count) {
-                *s = if *c * 2.0 > SAMPLES as f32 { s.map(|x| x / c) } else { [f32::NAN; 2] };
+            begin = end;
+            for (channel, values) in channels.iter_mut().enumerate() {
+                values.clear();
+                values.extend(tones.means(SAMPLES as u32 / 2 + 1).map(|t| t[channel]));
             }
-            let out = &mut strength[segment * steps..][..steps];
-            for channel in 0..2 {
-                let step = |k: usize| (sum[k + REACH][channel] - sum[k - REACH][channel]).abs();
-                sorted.clear();
-                sorted
-                    .extend((2 * REACH..steps.saturating_sub(2 * REACH)).map(step).filter(|s| s.is_finite()));
-                if sorted.len() < 16 {
-                    continue;
-                }
-                let sigma = noise_of(&mut sorted, 0.5);
-                for k in 2 * REACH..steps.saturating_sub(2 * REACH) {
-                    let mut value = step(k);
-                    if channel == 0 {
-                        // A thin line must be dark: the gap between two boxes.
-                        let line = sum[k][0] - 0.5 * (sum[k - 2 * REACH][0] + sum[k + 2 * REACH][0]);
-                        value = value.max(-1.5 * line);
-                    }
-                    let seen = ((value / sigma - 1.0) / (FULL_SIGMAS - 1.0)).clamp(0.0, 1.0);
-                    if seen.is_finite() {
-                        out[k] = out[k].max(seen);
-                    }
-                }
-            }
+            add_evidence(&channels, out);
         }
         Self { start_mm: from_mm, step_mm, steps, strength }
     }

@@ -1,10 +1,11 @@
 //! The sub-pixel course of each side: gradient extremes along the normals of the predicted side (the default detector).
 
-use super::{EdgeDetector, EdgePoint, Tone, light, noise_of, tone};
+use super::{EdgeDetector, EdgePoint, Tone, linear_light, noise_of, tones};
 use crate::calibration::Calibration;
 use crate::face::outline::{RoughRectangle, SIDES};
 use crate::image::Frame;
 use crate::units::Px;
+use std::sync::LazyLock;
 
 /// Gradient search along the normals of the predicted sides.
 #[derive(Clone, Copy, Debug, Default)]
@@ -71,7 +72,10 @@ impl EdgeDetector for GradientDetector {
             let mut best = Vec::new();
             let profiles = profiles(frame, calibration, rough, side, keep_out);
             for window in WINDOWS {
-                let points = points_on_line(&averaged(&profiles, window), window);
+                let points = match window {
+                    1 => points_on_line(&profiles, window),
+                    _ => points_on_line(&averaged(&profiles, window), window),
+                };
                 if points.len() > best.len() {
                     best = points;
                 }
@@ -91,6 +95,8 @@ fn profiles(
     side: usize,
     keep_out: &[(Px, f64)],
 ) -> Vec<Profile> {
+    static LINEAR: LazyLock<[f32; 256]> = LazyLock::new(linear_light);
+    let linear: &[f32; 256] = &LINEAR;
     let (across, _) = SIDES[side];
     let (from, to) = rough.span_mm(side);
     let offset = rough.offsets_mm[side];
@@ -122,9 +128,9 @@ fn profiles(
             for (i, (s, l)) in sum.iter_mut().zip(&mut lin).enumerate() {
                 let t = i as f64 / PER_PX as f64 - REACH_PX as f64;
                 let (u, v) = (p.u + n.0 * t, p.v + n.1 * t);
-                let (Some(tone), Some(light)) = (tone(frame, u, v), light(frame, u, v)) else {
+                let Some((tone, light)) = tones(frame, linear, u, v) else {
                     good = false;
-                    continue;
+                    break;
                 };
                 for channel in 0..2 {
                     s[channel] += tone[channel] / GROUP as f32;
@@ -212,10 +218,16 @@ fn points_on_line(profiles: &[Profile], window: usize) -> Vec<EdgePoint> {
             .collect();
         noise_of(&mut all, 0.3)
     });
-    let strength = |profile: usize, index: usize| {
-        let sigmas = [0, 1].map(|c| gradients[c][profile][index].abs() / noises[c]);
-        ((sigmas[0].max(sigmas[1]) - 1.0) / 5.0).clamp(0.0, 1.0)
-    };
+    let strengths: Vec<[f32; N]> = gradients[0]
+        .iter()
+        .zip(&gradients[1])
+        .map(|(first, second)| {
+            std::array::from_fn(|i| {
+                let sigmas = (first[i].abs() / noises[0]).max(second[i].abs() / noises[1]);
+                ((sigmas - 1.0) / 5.0).clamp(0.0, 1.0)
+            })
+        })
+        .collect();
     // The straight line with the most support: offsets at both ends, half-pixel steps.
     let reach = (LINE_SEARCH_PX * PER_PX as f64) as i32;
     let most = (2.0 * LINE_SEARCH_MIDDLE_PX * PER_PX as f64) as i32;
@@ -227,9 +239,10 @@ fn points_on_line(profiles: &[Profile], window: usize) -> Vec<EdgePoint> {
                 continue;
             }
             let mut sum = 0.0;
-            for (n, p) in profiles.iter().enumerate() {
-                let i = centre + (f64::from(first) + f64::from(last - first) * p.along).round() as i32;
-                sum += strength(n, i as usize);
+            // Half a sample is added, so that cutting off rounds; the reach is less than the centre.
+            let (begin, turn) = (f64::from(centre + first) + 0.5, f64::from(last - first));
+            for (strength, p) in strengths.iter().zip(profiles) {
+                sum += strength[(begin + turn * p.along) as u32 as usize];
             }
             // The nearer to the prediction the better.
             let score = sum - FAR_COST * profiles.len() as f32 * (first.abs() + last.abs()) as f32 / 2.0;
