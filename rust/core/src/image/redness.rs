@@ -33,6 +33,11 @@ const ACROSS: usize = 8;
 const BLOCK: usize = 32;
 
 impl RidgeMap {
+    /// All values in sigmas times [`Z_STEPS`], rows top to bottom.
+    pub(crate) fn steps(&self) -> &[i8] {
+        &self.z
+    }
+
     /// Value in sigmas times [`Z_STEPS`]; 0 outside the map. `u`, `v` in full-resolution px.
     #[inline]
     pub(crate) fn at_px(&self, u: f32, v: f32) -> i32 {
@@ -52,28 +57,41 @@ pub(crate) fn half_redness(frame: &Frame) -> (usize, usize, Vec<i16>) {
     for (j, row) in out.chunks_exact_mut(w).enumerate() {
         let top = &frame.rgb()[2 * j * stride..][..w * 6];
         let bottom = &frame.rgb()[(2 * j + 1) * stride..][..w * 6];
-        for ((o, t), b) in row.iter_mut().zip(top.chunks_exact(6)).zip(bottom.chunks_exact(6)) {
-            let red = i16::from(t[0]) + i16::from(t[3]) + i16::from(b[0]) + i16::from(b[3]);
-            let rest = i16::from(t[1])
-                + i16::from(t[2])
-                + i16::from(t[4])
-                + i16::from(t[5])
-                + i16::from(b[1])
-                + i16::from(b[2])
-                + i16::from(b[4])
-                + i16::from(b[5]);
+        // Pixels are taken by words of eight bytes, two pixels and two bytes more, each byte with 16 bits to itself.
+        let words = top.windows(8).step_by(6).zip(bottom.windows(8).step_by(6));
+        for (o, (t, b)) in row.iter_mut().zip(words) {
+            let (t, b) = (word(t), word(b));
+            let even = (t & LANES) + (b & LANES); // red, blue, the neighbour's green
+            let odd = (t >> 8 & LANES) + (b >> 8 & LANES); // green, the neighbour's red and blue
+            let lane = |word: u64, index: u32| (word >> (16 * index) & 0xffff) as i16;
+            let red = lane(even, 0) + lane(odd, 1);
+            let rest = lane(even, 1) + lane(even, 2) + lane(odd, 0) + lane(odd, 2);
             *o = 2 * red - rest;
+        }
+        // The last two pixels have no such word.
+        if let (Some(o), Some(t), Some(b)) = (row.last_mut(), top.last_chunk::<6>(), bottom.last_chunk::<6>())
+        {
+            let sum = |of: [usize; 2]| of.map(|i| i16::from(t[i]) + i16::from(b[i])).iter().sum::<i16>();
+            *o = 2 * sum([0, 3]) - sum([1, 2]) - sum([4, 5]);
         }
     }
     (w, h, out)
 }
 
+/// Every other byte of a word.
+const LANES: u64 = 0x00ff_00ff_00ff_00ff;
+
+/// The first eight bytes.
+#[inline]
+fn word(bytes: &[u8]) -> u64 {
+    bytes.first_chunk().map_or(0, |bytes| u64::from_le_bytes(*bytes))
+}
+
 /// The ridge map for stripes near one diagonal, from the output of [`half_redness`].
 pub(crate) fn ridge_map(width: usize, height: usize, redness: &[i16], diagonal: Diagonal) -> RidgeMap {
-    let margin = ALONG / 2;
     let mut z = vec![0i8; width * height];
     let mut ridge = vec![0i16; width * BLOCK];
-    let mut slope = vec![0i16; width * BLOCK];
+    let mut slope = vec![0i16; width * BLOCK.div_ceil(2)];
     let mut sum = vec![0i16; width];
     let mut sample = Vec::with_capacity(BLOCK * BLOCK / 4);
     for block_top in (0..height).step_by(BLOCK) {
@@ -81,53 +99,85 @@ pub(crate) fn ridge_map(width: usize, height: usize, redness: &[i16], diagonal: 
         ridge.fill(0);
         slope.fill(0);
         for r in 0..rows {
-            let y = block_top + r;
-            if y < margin || y + margin >= height || width <= 2 * (margin + ACROSS) {
+            if !sum_along(&mut sum, redness, width, block_top + r, diagonal)
+                || width <= 2 * (ALONG / 2 + ACROSS)
+            {
                 continue;
             }
-            sum.fill(0);
-            for t in 0..ALONG {
-                let shift = match diagonal {
-                    Diagonal::Down => t,
-                    Diagonal::Up => ALONG - 1 - t,
-                };
-                let source = &redness[(y + t - margin) * width + shift..][..width - (ALONG - 1)];
-                for (s, x) in sum[margin..].iter_mut().zip(source) {
-                    *s += x; // 5 x 2040 fits in i16
-                }
-            }
-            let out = &mut ridge[r * width..][..width];
-            let flat = &mut slope[r * width..][..width];
             let n = width - 2 * ACROSS;
-            for x in 0..n {
-                let (left, here, right) = (sum[x], sum[x + ACROSS], sum[x + 2 * ACROSS]);
-                out[x + ACROSS] = (here - left).min(here - right);
-                flat[x + ACROSS] = here - right;
+            let (left, here, right) = (&sum[..n], &sum[ACROSS..][..n], &sum[2 * ACROSS..][..n]);
+            let out = &mut ridge[r * width + ACROSS..][..n];
+            // Differences of two sums, at most 20400: nothing wraps here, and unchecked it becomes vector code.
+            for (((o, l), h), r) in out.iter_mut().zip(left).zip(here).zip(right) {
+                *o = h.wrapping_sub(*l).min(h.wrapping_sub(*r));
+            }
+            if r % 2 == 0 {
+                let flat = &mut slope[r / 2 * width + ACROSS..][..n];
+                for ((f, h), r) in flat.iter_mut().zip(here).zip(right) {
+                    *f = h.wrapping_sub(*r).wrapping_abs();
+                }
             }
         }
         for block_left in (0..width).step_by(BLOCK) {
             let columns = BLOCK.min(width - block_left);
             sample.clear();
-            for r in (0..rows).step_by(2) {
-                sample.extend(
-                    slope[r * width + block_left..][..columns].iter().step_by(2).map(|x| x.unsigned_abs()),
-                );
+            for row in slope.chunks_exact(width.max(1)).take(rows.div_ceil(2)) {
+                sample.extend(row[block_left..][..columns].iter().step_by(2));
             }
-            let middle = sample.len() / 2;
-            let median = if sample.is_empty() { 0 } else { *sample.select_nth_unstable(middle).1 };
             // Median of |difference| is 0.6745 sigma; the floor is half a grey level per pixel (8 x 5 sums): JPEG's own step.
-            let sigma = (f32::from(median) / 0.6745).max(0.5 * 8.0 * ALONG as f32 / 2.0);
-            let gain = Z_STEPS / sigma;
+            let sigma = (f32::from(median(&sample)) / 0.6745).max(0.5 * 8.0 * ALONG as f32 / 2.0);
+            let most = (Z_CLIP * sigma).min(f32::from(i16::MAX)) as i16;
+            let gain = (GAIN_ONE as f32 * Z_STEPS / sigma).round() as i16;
             for r in 0..rows {
                 let from = &ridge[r * width + block_left..][..columns];
                 let to = &mut z[(block_top + r) * width + block_left..][..columns];
                 for (o, x) in to.iter_mut().zip(from) {
-                    *o = (f32::from(*x) * gain).clamp(-Z_CLIP * Z_STEPS, Z_CLIP * Z_STEPS) as i8;
+                    let steps = i32::from((*x).clamp(-most, most)).wrapping_mul(i32::from(gain));
+                    *o = (steps.wrapping_add(GAIN_ONE / 2) >> GAIN_ONE.ilog2()) as i8;
                 }
             }
         }
     }
     RidgeMap { width, height, z }
+}
+
+/// Unit of the gain from ridge to steps, a whole number: the largest gain, at the noise's floor, is 4.2 of it and fits 16 bits; at
+/// a noise of 1000, more than print has, it is known to a third of a percent.
+const GAIN_ONE: i32 = 4096;
+
+/// Sums of [`ALONG`] pixels along the diagonal for each pixel of row `y`; false, and nothing done, where they do not fit.
+fn sum_along(sum: &mut [i16], redness: &[i16], width: usize, y: usize, diagonal: Diagonal) -> bool {
+    let margin = ALONG / 2;
+    if y < margin || (y + margin + 1) * width > redness.len() || width < ALONG {
+        return false;
+    }
+    let n = width - 2 * margin;
+    let [a, b, c, d, e]: [&[i16]; ALONG] = std::array::from_fn(|t| {
+        let shift = match diagonal {
+            Diagonal::Down => t,
+            Diagonal::Up => ALONG - 1 - t,
+        };
+        &redness[(y + t - margin) * width + shift..][..n]
+    });
+    let sum = &mut sum[margin..][..n];
+    for i in 0..n {
+        // 5 x 2040 fits.
+        sum[i] = a[i].wrapping_add(b[i]).wrapping_add(c[i]).wrapping_add(d[i]).wrapping_add(e[i]);
+    }
+    true
+}
+
+/// The median of numbers that are not negative, found bit by bit: counting is vector code, sorting is not. 0 of none.
+fn median(values: &[i16]) -> i16 {
+    let below = |limit: i16| {
+        let chunks = values.chunks(usize::from(u16::MAX)); // whose counts fit
+        let count = |chunk: &[i16]| chunk.iter().fold(0u16, |n, x| n.wrapping_add(u16::from(*x < limit)));
+        chunks.map(|chunk| usize::from(count(chunk))).sum::<usize>()
+    };
+    let middle = values.len() / 2;
+    (0..15).rev().map(|bit| 1i16 << bit).fold(0, |found, bit| {
+        if !values.is_empty() && below(found + bit) <= middle { found + bit } else { found }
+    })
 }
 
 /// Columns of the stripe's core and of each side that the faint map averages, half-resolution px: a stripe is 4 to 6 wide at half
@@ -143,56 +193,155 @@ const FAINT_CLIP: (f32, f32) = (-1.2, 1.8);
 /// pixels are independent; thin print looks more like a stripe in it.
 pub(crate) fn faint_ridge_map(width: usize, height: usize, redness: &[i16], diagonal: Diagonal) -> RidgeMap {
     let (margin, reach) = (ALONG / 2, ACROSS + SIDE / 2);
-    let mut ridge = vec![0f32; width * height];
-    let mut slope = vec![0f32; width * height];
-    let mut sums = vec![0i32; width + 1];
-    for y in margin..height.saturating_sub(margin) {
-        if width <= 2 * (margin + reach) {
-            break;
-        }
-        for x in 0..width {
-            // Running sum of the diagonal's sums.
-            let mut here = 0;
-            if (margin..width - margin).contains(&x) {
-                for t in 0..ALONG {
-                    let shift = match diagonal {
-                        Diagonal::Down => x + t - margin,
-                        Diagonal::Up => x + margin - t,
-                    };
-                    here += i32::from(redness[(y + t - margin) * width + shift]);
-                }
-            }
-            sums[x + 1] = sums[x] + here;
-        }
-        let mean = |from: usize, count: usize| (sums[from + count] - sums[from]) as f32 / count as f32;
-        for x in margin + reach..width - margin - reach {
-            let core = mean(x - CORE / 2, CORE);
-            let [left, right] = [x - ACROSS, x + ACROSS].map(|middle| mean(middle - SIDE / 2, SIDE));
-            ridge[y * width + x] = (core - left).min(core - right);
-            slope[y * width + x] = (core - right).abs();
-        }
-    }
+    let mut ridge = vec![0f32; width * BLOCK];
+    let mut slope = vec![0f32; width * BLOCK];
     let mut z = vec![0i8; width * height];
+    let mut sum = vec![0i16; width];
+    let mut running = vec![0i32; width + 1];
     let mut sample: Vec<f32> = Vec::with_capacity(BLOCK * BLOCK / 4);
-    for top in (0..height).step_by(BLOCK) {
-        for left in (0..width).step_by(BLOCK) {
-            let (rows, columns) = (top..(top + BLOCK).min(height), left..(left + BLOCK).min(width));
+    for block_top in (0..height).step_by(BLOCK) {
+        let rows = BLOCK.min(height - block_top);
+        ridge.fill(0.0);
+        slope.fill(0.0);
+        for r in 0..rows {
+            if !sum_along(&mut sum, redness, width, block_top + r, diagonal) || width <= 2 * (margin + reach)
+            {
+                continue;
+            }
+            let mut total = 0i32;
+            for (to, s) in running[1..].iter_mut().zip(&sum) {
+                total = total.wrapping_add(i32::from(*s)); // 8192 of 10200 fit
+                *to = total;
+            }
+            let n = width - 2 * (margin + reach);
+            let first = margin + reach;
+            // The mean of `count` sums around each place and `away` from it.
+            let ends = |away: isize, count: usize| {
+                let from = first.wrapping_add_signed(away) - count / 2;
+                (&running[from..][..n], &running[from + count..][..n], 1.0 / count as f32)
+            };
+            let (core, left, right) =
+                (ends(0, CORE), ends(-(ACROSS as isize), SIDE), ends(ACROSS as isize, SIDE));
+            let mean = |(low, high, share): (&[i32], &[i32], f32), x: usize| {
+                high[x].wrapping_sub(low[x]) as f32 * share
+            };
+            let out = &mut ridge[r * width + first..][..n];
+            let flat = &mut slope[r * width + first..][..n];
+            for x in 0..n {
+                let (core, left, right) = (mean(core, x), mean(left, x), mean(right, x));
+                out[x] = (core - left).min(core - right);
+                flat[x] = (core - right).abs();
+            }
+        }
+        for block_left in (0..width).step_by(BLOCK) {
+            let columns = BLOCK.min(width - block_left);
             sample.clear();
-            for y in rows.clone().step_by(2) {
-                sample.extend(slope[y * width..][columns.clone()].iter().step_by(2));
+            for row in slope.chunks_exact(width.max(1)).take(rows).step_by(2) {
+                sample.extend(row[block_left..][..columns].iter().step_by(2));
             }
             let middle = sample.len() / 2;
             let median = *sample.select_nth_unstable_by(middle, f32::total_cmp).1;
             // As in the narrow map; the means leave less of JPEG's steps.
             let sigma = (median / 0.6745).max(0.25 * 8.0 * ALONG as f32 / 2.0);
             let gain = Z_STEPS / sigma;
-            for y in rows {
-                for x in columns.clone() {
-                    let value = ridge[y * width + x] * gain;
-                    z[y * width + x] = value.clamp(FAINT_CLIP.0 * Z_STEPS, FAINT_CLIP.1 * Z_STEPS) as i8;
+            for r in 0..rows {
+                let from = &ridge[r * width + block_left..][..columns];
+                let to = &mut z[(block_top + r) * width + block_left..][..columns];
+                for (o, x) in to.iter_mut().zip(from) {
+                    *o = (x * gain).clamp(FAINT_CLIP.0 * Z_STEPS, FAINT_CLIP.1 * Z_STEPS) as i32 as i8;
                 }
             }
         }
     }
     RidgeMap { width, height, z }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn half_redness_is_the_sum_of_four_pixels(width in 2..40usize, height in 2..6usize, seed: u32) {
+            let mut state = seed;
+            let rgb: Vec<u8> = (0..width * height * 3)
+                .map(|_| {
+                    state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                    (state >> 24) as u8
+                })
+                .collect();
+            let redness = |x: usize, y: usize| {
+                let p = &rgb[(y * width + x) * 3..];
+                2 * i16::from(p[0]) - i16::from(p[1]) - i16::from(p[2])
+            };
+            let frame = Frame::from_rgb(width, height, rgb.clone()).expect("the size fits");
+            let (w, h, half) = half_redness(&frame);
+            prop_assert_eq!((w, h), (width / 2, height / 2));
+            for (i, found) in half.iter().enumerate() {
+                let (x, y) = (2 * (i % w), 2 * (i / w));
+                let want = redness(x, y) + redness(x + 1, y) + redness(x, y + 1) + redness(x + 1, y + 1);
+                prop_assert_eq!(*found, want, "half pixel {} of {} x {}", i, w, h);
+            }
+        }
+
+        #[test]
+        fn the_median_is_the_middle_of_the_sorted(values in prop::collection::vec(0..=i16::MAX, 1..700)) {
+            let mut sorted = values.clone();
+            sorted.sort_unstable();
+            prop_assert_eq!(median(&values), sorted[sorted.len() / 2]);
+        }
+    }
+
+    /// A map of noise of `sigma` with a stripe `height` above it, 6 half px wide along a row, and its ridge map in sigmas.
+    fn strengths(sigma: f32, height: f32, diagonal: Diagonal) -> (f32, f32) {
+        let (width, rows) = (320, 256);
+        let mut state = 1u32;
+        let mut noise = || {
+            // Sum of twelve even numbers: nearly normal, sigma 1.
+            (0..12).fold(-6.0, |sum, _| {
+                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                sum + (state >> 8) as f32 / (1u32 << 24) as f32
+            })
+        };
+        let on = |x: usize, y: usize| match diagonal {
+            Diagonal::Down => x.abs_diff(y + 30) <= 3,
+            Diagonal::Up => (x + y).abs_diff(290) <= 3,
+        };
+        let mut redness = Vec::new();
+        for y in 0..rows {
+            redness.extend(
+                (0..width).map(|x| (noise() * sigma + if on(x, y) { height } else { 0.0 }).round() as i16),
+            );
+        }
+        let map = ridge_map(width, rows, &redness, diagonal);
+        let (mut lit, mut dark) = ([0.0; 2], [0.0; 2]);
+        for y in 10..rows - 10 {
+            for x in 20..width - 20 {
+                let far = (0..40).all(|d| !on(x + 20 - d.min(x + 20), y));
+                let sum = if on(x, y) {
+                    &mut lit
+                } else if far {
+                    &mut dark
+                } else {
+                    continue;
+                };
+                sum[0] += f32::from(map.steps()[y * width + x]) / Z_STEPS;
+                sum[1] += 1.0;
+            }
+        }
+        (lit[0] / lit[1], dark[0] / dark[1])
+    }
+
+    #[test]
+    fn noise_has_the_same_strength_whatever_its_size_and_a_stripe_stands_out() {
+        for diagonal in [Diagonal::Down, Diagonal::Up] {
+            for sigma in [20.0, 60.0, 200.0] {
+                let (lit, dark) = strengths(sigma, 3.0 * sigma, diagonal);
+                // The larger of two has 1 / sqrt(pi) of the noise of one, a difference sqrt(2) of it.
+                assert!((dark + 0.4).abs() < 0.08, "{diagonal:?}, noise of {sigma}: {dark}");
+                assert!(lit > 2.0, "{diagonal:?}, noise of {sigma}: a stripe has {lit}");
+            }
+        }
+    }
 }
