@@ -6,6 +6,7 @@
 //! ridge strength hold all evidence, and a plane (three inverse depths, the fourth follows) is scored by four look-ups.
 //! Adding up some 400 px on each of four segments finds stripes that no single pixel shows.
 
+use super::curve::{Curve, fan_sums};
 use crate::calibration::Calibration;
 use crate::frames::{Cam, Plane, Ray};
 use crate::image::redness::{Diagonal, RidgeMap, Z_CLIP, Z_STEPS};
@@ -102,16 +103,26 @@ impl<'a> Evidence<'a> {
         Z_CLIP + if self.network.is_some() { MOST_LOGIT * SIGMAS_PER_LOGIT } else { 0.0 }
     }
 
-    /// Sigmas times [`Z_STEPS`].
-    #[inline]
-    fn at_px(&self, u: f32, v: f32) -> i32 {
-        let ridge = self.ridge.at_px(u, v);
-        let Some(layer) = &self.network else { return ridge };
-        let (i, j) = (((u + 0.5) * layer.scale[0]) as usize, ((v + 0.5) * layer.scale[1]) as usize);
-        if i >= layer.width || j >= layer.height {
-            return ridge;
+    /// Sum along a curve, sigmas times [`Z_STEPS`].
+    fn sum(&self, curve: &Curve) -> i32 {
+        // Half-resolution pixel i covers full pixels 2 i and 2 i + 1.
+        let ridge = curve.sum(self.ridge.steps(), [self.ridge.width, self.ridge.height], [0.5; 2]);
+        ridge + self.network.as_ref().map_or(0, |l| curve.sum(&l.steps, [l.width, l.height], l.scale))
+    }
+}
+
+impl Evidence<'_> {
+    /// Means along straight lines from one pixel to each of many, a sample every so many px of the longest, sigmas.
+    fn means_of_fan(&self, from: [f32; 2], ends: &[[f32; 2]], every_px: f32) -> Vec<f32> {
+        let curves =
+            ends.iter().map(|end| Curve::new(from, [0, 1].map(|i| 0.5 * (from[i] + end[i])), *end, every_px));
+        let steps = curves.map(|curve| curve.steps).max().unwrap_or(1);
+        let mut sums = fan_sums(self.ridge.steps(), self.ridge.width, [0.5; 2], from, ends, steps);
+        if let Some(layer) = &self.network {
+            let more = fan_sums(&layer.steps, layer.width, layer.scale, from, ends, steps);
+            sums.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
         }
-        ridge + i32::from(layer.steps[j * layer.width + i])
+        sums.into_iter().map(|sum| sum as f32 / (steps + 1) as f32 / Z_STEPS).collect()
     }
 }
 
@@ -172,14 +183,13 @@ pub(crate) fn find_planes(
         let mut e = vec![NONE; levels * levels];
         for n in 0..levels {
             let Some(a) = from.px[n] else { continue };
-            for m in 0..levels {
-                let (lo, hi) = (w_of(n.min(m)), w_of(n.max(m)));
-                let Some(b) = to.px[m] else { continue };
-                if hi > MAX_RATIO * lo {
-                    continue;
-                }
-                if mean_along(map, a, [0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])], b, COARSE_PX) < least.coarse
-                {
+            // Levels between which neither inverse depth is more than MAX_RATIO times the other.
+            let level = |w: f64| ((w - w_min) / step).clamp(0.0, (levels - 1) as f64);
+            let near = level(w_of(n) / MAX_RATIO).ceil() as usize..=level(w_of(n) * MAX_RATIO) as usize;
+            let (ms, ends): (Vec<usize>, Vec<[f32; 2]>) = near.filter_map(|m| Some((m, to.px[m]?))).unzip();
+            let coarse = map.means_of_fan(a, &ends, COARSE_PX);
+            for ((m, b), coarse) in ms.into_iter().zip(ends).zip(coarse) {
+                if coarse < least.coarse {
                     continue;
                 }
                 let middle = (from.ray(w_of(n)) + to.ray(w_of(m))) * 0.5;
@@ -313,17 +323,8 @@ pub(crate) fn climb(
 
 /// Mean of the map along the parabola through three pixels, sigmas.
 fn mean_along(map: &Evidence, a: [f32; 2], middle: [f32; 2], b: [f32; 2], every_px: f32) -> f32 {
-    let length = (b[0] - a[0]).hypot(b[1] - a[1]);
-    let count = (length / every_px).ceil().max(8.0);
-    let bend = [0, 1].map(|i| middle[i] - 0.5 * (a[i] + b[i]));
-    let mut sum = 0;
-    let steps = count as i32;
-    for s in 0..=steps {
-        let t = s as f32 / count;
-        let k = 4.0 * t * (1.0 - t);
-        sum += map.at_px(a[0] + (b[0] - a[0]) * t + bend[0] * k, a[1] + (b[1] - a[1]) * t + bend[1] * k);
-    }
-    sum as f32 / (steps + 1) as f32 / Z_STEPS
+    let curve = Curve::new(a, middle, b, every_px);
+    map.sum(&curve) as f32 / (curve.steps + 1) as f32 / Z_STEPS
 }
 
 /// The strongest hypotheses so far; a new one replaces those that lie beside it.
