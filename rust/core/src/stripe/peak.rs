@@ -45,7 +45,8 @@ pub fn find_peak(
     let smooth = |i: usize| (profile[i - 1] + profile[i] + profile[i + 1]) / 3.0;
     let first = ((expected - search).ceil().max(1.0)) as usize;
     let last = ((expected + search).floor().min(n as f64 - 2.0)).max(0.0) as usize;
-    let top = (first..=last).max_by(|a, b| smooth(*a).total_cmp(&smooth(*b)))?;
+    let top = profile.get(first - 1..last + 2)?.windows(3).map(|w| w[0] + w[1] + w[2]).enumerate();
+    let top = first + top.max_by(|(_, a), (_, b)| a.total_cmp(b))?.0;
     let top = middle_of_plateau(profile, top, half_width);
     let line = Background::fit(profile, top as f64, half_width)?;
     let net = |i: usize| f64::from(profile[i]) - line.at(i as f64);
@@ -193,9 +194,11 @@ impl Background {
     fn fit(profile: &[f32], centre: f64, half_width: f64) -> Option<Self> {
         let (mut count, mut sx, mut sy, mut sxx, mut sxy, mut syy) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
         let (mut left, mut right) = (0, 0);
-        for (i, y) in profile.iter().enumerate() {
+        // Two stripe widths are enough to know the background; farther away other things begin.
+        let from = (centre - 2.0 * half_width).max(0.0) as usize;
+        let to = ((centre + 2.0 * half_width).max(0.0) as usize + 1).min(profile.len());
+        for (i, y) in profile.iter().enumerate().take(to).skip(from) {
             let x = i as f64 - centre;
-            // Two stripe widths are enough to know the background; farther away other things begin.
             if x.abs() <= half_width || x.abs() > 2.0 * half_width {
                 continue;
             }

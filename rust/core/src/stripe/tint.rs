@@ -20,7 +20,13 @@ impl Tint {
     #[inline]
     pub fn at(self, rgb: &[u8], index: usize) -> f32 {
         let p = &rgb[index * 3..index * 3 + 3];
-        self.0[0] * f32::from(p[0]) + self.0[1] * f32::from(p[1]) + self.0[2] * f32::from(p[2])
+        self.of([p[0], p[1], p[2]].map(f32::from))
+    }
+
+    /// The mixture of red, green and blue, grey levels.
+    #[inline]
+    pub fn of(self, [red, green, blue]: [f32; 3]) -> f32 {
+        self.0[0] * red + self.0[1] * green + self.0[2] * blue
     }
 
     /// Weights along a direction, as long as those of redness, so that noise keeps its size.
@@ -38,6 +44,8 @@ const BESIDE_PX: std::ops::RangeInclusive<i32> = 18..=24;
 const FLOOR: f64 = 1.0;
 /// What red laser light does to a camera if the picture tells nothing: mostly red, some of it seen by green and blue.
 const LASER: Vector3<f64> = Vector3::new(1.0, 0.15, 0.1);
+/// Every so many rows is looked at.
+const ROW_STEP: usize = 2;
 /// Rows that count as enough to believe the picture.
 const FEWEST: usize = 24;
 
@@ -113,28 +121,30 @@ fn crossings(
     let mut row = range.start.max(0.0).ceil() as usize;
     let mut seen = Crossings { steps: Vec::new(), differences: Vec::new() };
     while (row as f64) < range.end.min(along_size as f64) {
-        let Some((px, factor)) = line.px_at(calibration, row as f64, other) else { break };
-        other = line.walk.across(px);
+        let Some(place) = line.place_at(calibration, row as f64, other) else { break };
+        let here = line.walk.across(place.px);
+        other = here + ROW_STEP as f64 * place.slope;
+        let spacing = 1.0 / place.factor.max(0.3);
         let mean = |offsets: std::ops::RangeInclusive<i32>| -> Option<Vector3<f64>> {
-            let mut sum = Vector3::zeros();
-            let count = offsets.clone().count() as f64;
+            let mut sum = [0u32; 3];
+            let count = f64::from(offsets.end() - offsets.start() + 1);
             for offset in offsets {
-                let at = (other + f64::from(offset) / factor.max(0.3)).round();
+                let at = here + f64::from(offset) * spacing + 0.5;
                 if !(at >= 0.0 && at < across_size as f64) {
                     return None;
                 }
                 let index = (row * along_stride + at as usize * across_stride) * 3;
                 let p = frame.rgb().get(index..index + 3)?;
-                sum += Vector3::new(f64::from(p[0]), f64::from(p[1]), f64::from(p[2]));
+                sum = [sum[0] + u32::from(p[0]), sum[1] + u32::from(p[1]), sum[2] + u32::from(p[2])];
             }
-            Some(sum / count)
+            Some(Vector3::from(sum.map(f64::from)) / count)
         };
         let left = -*BESIDE_PX.end()..=-*BESIDE_PX.start();
         if let (Some(l), Some(m), Some(r)) = (mean(left), mean(MIDDLE_PX), mean(BESIDE_PX)) {
             seen.steps.push(m - (l + r) * 0.5);
             seen.differences.push(l - r);
         }
-        row += 2;
+        row += ROW_STEP;
     }
     seen
 }

@@ -63,6 +63,8 @@ pub(crate) struct TraceSettings {
 const MIN_AMPLITUDE: f64 = 2.0;
 /// ... where more than a hundred rows are added, which leaves little of such steps.
 const MIN_SMOOTH_AMPLITUDE: f64 = 0.8;
+/// Sums of so many rows of bytes fit 16 bits.
+const MOST_ROWS: usize = 257;
 /// Speckle: the centre of one row scatters by this much (physics.md: 0.2 to 0.4 px), rows decorrelate after 1.5.
 pub(crate) const SPECKLE_PX: f64 = 0.3;
 pub(crate) const SPECKLE_ROWS: f64 = 1.5;
@@ -112,33 +114,47 @@ impl StripeLine {
     /// The pixel of the line at `along_px`, starting from a guess of the other coordinate; and |d(across)/d(normal)|,
     /// the factor from a shift along the profile to one across the stripe.
     pub fn px_at(&self, calibration: &Calibration, along_px: f64, guess_px: f64) -> Option<(Px, f64)> {
+        self.place_at(calibration, along_px, guess_px).map(|place| (place.px, place.factor))
+    }
+
+    /// As [`Self::px_at`], with the line's slope there.
+    pub fn place_at(&self, calibration: &Calibration, along_px: f64, guess_px: f64) -> Option<OnLine> {
         let mut other = guess_px;
-        let mut px = Px::new(0.0, 0.0);
-        let mut factor = 0.0;
+        let mut found = OnLine { px: Px::new(0.0, 0.0), factor: 0.0, slope: 0.0 };
         for _ in 0..8 {
-            px = match self.walk {
+            let px = match self.walk {
                 Walk::Rows => Px::new(other, along_px),
                 Walk::Columns => Px::new(along_px, other),
             };
             let (ray, jacobian) = calibration.camera().ray_from_px_with_jacobian(px);
             let value = self.coefficients.dot(&ray.xy1);
             let gradient = jacobian.transpose() * self.coefficients.xy();
-            let slope = match self.walk {
-                Walk::Rows => gradient.x,
-                Walk::Columns => gradient.y,
+            let (across, along) = match self.walk {
+                Walk::Rows => (gradient.x, gradient.y),
+                Walk::Columns => (gradient.y, gradient.x),
             };
-            if slope.abs() < 1e-12 {
+            if across.abs() < 1e-12 {
                 return None;
             }
-            factor = (slope / gradient.norm()).abs();
-            let step = value / slope;
+            found = OnLine { px, factor: (across / gradient.norm()).abs(), slope: -along / across };
+            let step = value / across;
             other -= step;
             if step.abs() < 1e-4 {
                 break;
             }
         }
-        other.is_finite().then_some((px, factor))
+        other.is_finite().then_some(found)
     }
+}
+
+/// A place on a stripe's line.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct OnLine {
+    pub px: Px,
+    /// |d(across)/d(normal)|.
+    pub factor: f64,
+    /// d(across)/d(along).
+    pub slope: f64,
 }
 
 /// Follows the stripe of laser `id` on `plane` from `from_px` to `to_px` along its walk (both inside the image), starting
@@ -155,55 +171,49 @@ pub(crate) fn trace(
         Walk::Rows => (frame.height_px(), frame.width_px()),
         Walk::Columns => (frame.width_px(), frame.height_px()),
     };
-    let (along_stride, across_stride) = match line.walk {
-        Walk::Rows => (frame.width_px(), 1),
-        Walk::Columns => (1, frame.width_px()),
-    };
     let first = range_px.start.max(0.0).ceil() as usize;
     let last = (range_px.end.min(along_size as f64)).max(0.0).floor() as usize;
-    let mut other = match line.walk {
-        Walk::Rows => start.u,
-        Walk::Columns => start.v,
-    };
     // The curve bends so little that Newton reaches it from a straight guess.
-    let Some((_, factor)) = line.px_at(calibration, first as f64, other) else { return Vec::new() };
-    let half = ((2.0 * settings.half_width_px + settings.search_px) / factor.max(0.3)).ceil() as usize;
+    let Some(begin) = line.place_at(calibration, first as f64, line.walk.across(start)) else {
+        return Vec::new();
+    };
+    let half = ((2.0 * settings.half_width_px + settings.search_px) / begin.factor.max(0.3)).ceil() as usize;
     let mut profile = vec![0f32; 2 * half + 1];
+    let mut sums = vec![0u16; 3 * profile.len()];
+    let mut begins = Vec::new();
     let mut points = Vec::with_capacity((last.saturating_sub(first)) / settings.rows.max(1) + 1);
-    let rgb = frame.rgb();
+    let rows = settings.rows.clamp(1, MOST_ROWS);
     let mut row = first;
-    while row + settings.rows <= last {
-        profile.fill(0.0);
+    let mut before = (first as f64, begin);
+    while row + rows <= last {
+        let middle = row as f64 + 0.5 * (rows as f64 - 1.0);
+        let guess = line.walk.across(before.1.px) + before.1.slope * (middle - before.0);
+        let Some(place) = line.place_at(calibration, middle, guess) else { break };
+        before = (middle, place);
+        let (predicted, factor) = (place.px, place.factor);
+        begins.clear();
         let mut rest = 0.0;
-        let mut count = 0usize;
-        let mut factor = 1.0;
-        for r in row..row + settings.rows {
-            let Some((px, f)) = line.px_at(calibration, r as f64, other) else { break };
-            other = match line.walk {
-                Walk::Rows => px.u,
-                Walk::Columns => px.v,
-            };
-            let base = other.round();
-            if base < half as f64 || base + half as f64 + 1.0 > across_size as f64 {
-                continue;
+        for r in row..row + rows {
+            // Straight within a block: distortion bends 64 rows by a hundredth of a pixel.
+            let other = line.walk.across(predicted) + place.slope * (r as f64 - middle);
+            if other >= half as f64 && other + half as f64 + 1.0 < across_size as f64 {
+                let base = (other + 0.5) as usize;
+                begins.push(base - half);
+                rest += other - base as f64;
             }
-            let from = base as usize - half;
-            for (k, p) in profile.iter_mut().enumerate() {
-                *p += settings.tint.at(rgb, r * along_stride + (from + k) * across_stride);
-            }
-            rest += other - base;
-            count += 1;
-            factor = f;
         }
-        let middle = row as f64 + 0.5 * (settings.rows as f64 - 1.0);
-        row += settings.rows;
-        if count < settings.rows {
+        let first_row = row;
+        row += rows;
+        if begins.len() < rows {
             continue; // the window leaves the image here
         }
-        let Some((predicted, _)) = line.px_at(calibration, middle, other) else { continue };
-        let scale = 1.0 / count as f32;
-        profile.iter_mut().for_each(|p| *p *= scale);
-        let expected = half as f64 + rest / count as f64;
+        sums.fill(0);
+        add_profiles(&mut sums, frame, line.walk, first_row, &begins);
+        let scale = 1.0 / rows as f32;
+        for (p, sum) in profile.iter_mut().zip(sums.chunks_exact(3)) {
+            *p = settings.tint.of([sum[0], sum[1], sum[2]].map(f32::from)) * scale;
+        }
+        let expected = half as f64 + rest / rows as f64;
         let beside = (settings.smooth_px / factor).round() as usize;
         smooth(&mut profile, beside);
         // Smoothed noise goes together over so many samples.
@@ -229,7 +239,7 @@ pub(crate) fn trace(
                     Walk::Rows => Px::new(predicted.u + shift, predicted.v),
                     Walk::Columns => Px::new(predicted.u, predicted.v + shift),
                 };
-                let speckle = SPECKLE_PX / (count as f64 / SPECKLE_ROWS).max(1.0).sqrt();
+                let speckle = SPECKLE_PX / (rows as f64 / SPECKLE_ROWS).max(1.0).sqrt();
                 Found {
                     at,
                     residual_px: shift * factor,
@@ -240,6 +250,37 @@ pub(crate) fn trace(
         points.push(StripePoint { along_px: middle, predicted, found, noise });
     }
     points
+}
+
+/// Adds up the colours of the profiles of neighbouring rows (or columns) of the walk from `first` on, three sums a pixel; `begins`
+/// are their first places.
+///
+/// Colours are added first and mixed once: whole rows of bytes at once. Columns are added a row of the image at a time.
+fn add_profiles(sums: &mut [u16], frame: &Frame, walk: Walk, first: usize, begins: &[usize]) {
+    let (rgb, width) = (frame.rgb(), frame.width_px());
+    let add = |sums: &mut [u16], bytes: &[u8]| {
+        for (sum, byte) in sums.iter_mut().zip(bytes) {
+            *sum = sum.wrapping_add(u16::from(*byte)); // MOST_ROWS fit
+        }
+    };
+    match walk {
+        Walk::Rows => {
+            for (row, begin) in begins.iter().enumerate() {
+                add(sums, &rgb[((first + row) * width + begin) * 3..]);
+            }
+        }
+        Walk::Columns => {
+            let (Some(low), Some(high)) = (begins.iter().min(), begins.iter().max()) else { return };
+            for row in *low..high + sums.len() / 3 {
+                let pixels = rgb[(row * width + first) * 3..].chunks_exact(3);
+                for (begin, pixel) in begins.iter().zip(pixels) {
+                    if let Some(sum) = row.checked_sub(*begin).and_then(|k| sums.get_mut(3 * k..3 * k + 3)) {
+                        add(sum, pixel);
+                    }
+                }
+            }
+        }
+    }
 }
 
 /// Averages each sample with so many on either side; the ends keep what they have.
@@ -269,6 +310,8 @@ pub(crate) fn measure_half_width_px(
     tints: &[Tint],
 ) -> Option<f64> {
     const N: usize = 2 * PROFILE_PX + 1;
+    /// Every so many rows is looked at.
+    const ROW_STEP: usize = 2;
     let mut sum = [0f64; N];
     let mut count = 0.0;
     for ((line, range, start), tint) in pieces.iter().zip(tints) {
@@ -276,27 +319,27 @@ pub(crate) fn measure_half_width_px(
             Walk::Rows => (frame.width_px(), 1, frame.height_px(), frame.width_px()),
             Walk::Columns => (1, frame.width_px(), frame.width_px(), frame.height_px()),
         };
-        let mut other = match line.walk {
-            Walk::Rows => start.u,
-            Walk::Columns => start.v,
-        };
+        let mut other = line.walk.across(*start);
         let mut row = range.start.max(0.0).ceil() as usize;
+        let mut colours = [[0u32; 3]; N];
         while (row as f64) < range.end.min(along_size as f64) {
-            let Some((px, factor)) = line.px_at(calibration, row as f64, other) else { break };
-            other = match line.walk {
-                Walk::Rows => px.u,
-                Walk::Columns => px.v,
-            };
-            let reach = PROFILE_PX as f64 / factor.max(0.3);
-            if other > reach && other + reach + 1.0 < across_size as f64 {
-                for (k, s) in sum.iter_mut().enumerate() {
-                    let offset = (k as f64 - PROFILE_PX as f64) / factor.max(0.3);
-                    let at = (other + offset).round() as usize;
-                    *s += f64::from(tint.at(frame.rgb(), row * along_stride + at * across_stride));
+            let Some(place) = line.place_at(calibration, row as f64, other) else { break };
+            let here = line.walk.across(place.px);
+            other = here + ROW_STEP as f64 * place.slope;
+            let spacing = 1.0 / place.factor.max(0.3);
+            let reach = PROFILE_PX as f64 * spacing;
+            if here > reach && here + reach + 1.0 < across_size as f64 {
+                for (k, s) in colours.iter_mut().enumerate() {
+                    let at = (here - reach + k as f64 * spacing + 0.5) as usize;
+                    let p = &frame.rgb()[(row * along_stride + at * across_stride) * 3..][..3];
+                    *s = [s[0] + u32::from(p[0]), s[1] + u32::from(p[1]), s[2] + u32::from(p[2])];
                 }
                 count += 1.0;
             }
-            row += 2;
+            row += ROW_STEP;
+        }
+        for (s, colours) in sum.iter_mut().zip(colours) {
+            *s += f64::from(tint.of(colours.map(|c| c as f32)));
         }
     }
     if count < 16.0 {
