@@ -28,7 +28,7 @@ pub struct CameraModel {
     pub k2: f64,
 }
 
-/// Newton steps of [`CameraModel::px_from_ray`]; it converges quadratically, 3 to 5 are used.
+/// Newton steps of [`CameraModel::px_from_ray`]; it converges quadratically, 2 to 4 are used.
 const MAX_STEPS: usize = 30;
 
 impl CameraModel {
@@ -71,7 +71,8 @@ impl CameraModel {
             }
             let step = (rho * self.ideal_per_distorted(r2) - radius) / slope;
             rho -= step;
-            if step.abs() < 1e-15 * (1.0 + rho) {
+            // What the next step would change is of the order of this one's square.
+            if step.abs() < 1e-9 * (1.0 + rho) {
                 break;
             }
         }
