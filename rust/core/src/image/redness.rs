@@ -63,10 +63,10 @@ pub(crate) fn half_redness(frame: &Frame) -> (usize, usize, Vec<i16>) {
             let (t, b) = (word(t), word(b));
             let even = (t & LANES) + (b & LANES); // red, blue, the neighbour's green
             let odd = (t >> 8 & LANES) + (b >> 8 & LANES); // green, the neighbour's red and blue
-            let lane = |word: u64, index: u32| (word >> (16 * index) & 0xffff) as i16;
-            let red = lane(even, 0) + lane(odd, 1);
-            let rest = lane(even, 1) + lane(even, 2) + lane(odd, 0) + lane(odd, 2);
-            *o = 2 * red - rest;
+            let lane = |word: u64, index: u32| (word >> (16 * index)) as u16 as i16;
+            // All three lanes of both words at once: the product's third lane is their sum.
+            let all = lane((even + odd).wrapping_mul(0x0001_0001_0001), 2);
+            *o = 3 * (lane(even, 0) + lane(odd, 1)) - all;
         }
         // The last two pixels have no such word.
         if let (Some(o), Some(t), Some(b)) = (row.last_mut(), top.last_chunk::<6>(), bottom.last_chunk::<6>())

@@ -19,13 +19,18 @@ const MOST: f32 = 20_000.0;
 /// Bits of a place's fraction. After a thousand steps a rounded second difference is off by a hundred-millionth of a pixel.
 const FRACTION: u32 = 40;
 
+/// Steps of at most `every_px` along a length.
+pub(crate) fn steps_for(length_px: f32, every_px: f32) -> u32 {
+    let wanted = (length_px / every_px).min(MOST);
+    let whole = wanted as u32;
+    (whole + u32::from(wanted > whole as f32)).max(FEWEST)
+}
+
 impl Curve {
     /// Through `a`, `middle` and `b` at even steps of at most `every_px` (for a straight curve).
     pub fn new(a: [f32; 2], middle: [f32; 2], b: [f32; 2], every_px: f32) -> Self {
         let chord = [b[0] - a[0], b[1] - a[1]];
-        let wanted = ((chord[0] * chord[0] + chord[1] * chord[1]).sqrt() / every_px).min(MOST);
-        let whole = wanted as u32;
-        let steps = (whole + u32::from(wanted > whole as f32)).max(FEWEST);
+        let steps = steps_for((chord[0] * chord[0] + chord[1] * chord[1]).sqrt(), every_px);
         // x(t) = a + chord t + 4 bend t (1 - t), its first and second differences.
         let h = 1.0 / steps as f32;
         let bend = [0, 1].map(|i| middle[i] - 0.5 * (a[i] + b[i]));

@@ -6,7 +6,7 @@
 //! ridge strength hold all evidence, and a plane (three inverse depths, the fourth follows) is scored by four look-ups.
 //! Adding up some 400 px on each of four segments finds stripes that no single pixel shows.
 
-use super::curve::{Curve, fan_sums};
+use super::curve::{Curve, fan_sums, steps_for};
 use crate::calibration::Calibration;
 use crate::frames::{Cam, Plane, Ray};
 use crate::image::redness::{Diagonal, RidgeMap, Z_CLIP, Z_STEPS};
@@ -114,9 +114,10 @@ impl<'a> Evidence<'a> {
 impl Evidence<'_> {
     /// Means along straight lines from one pixel to each of many, a sample every so many px of the longest, sigmas.
     fn means_of_fan(&self, from: [f32; 2], ends: &[[f32; 2]], every_px: f32) -> Vec<f32> {
-        let curves =
-            ends.iter().map(|end| Curve::new(from, [0, 1].map(|i| 0.5 * (from[i] + end[i])), *end, every_px));
-        let steps = curves.map(|curve| curve.steps).max().unwrap_or(1);
+        // The ends stand on a line: the farthest is its first or its last.
+        let length = |end: &[f32; 2]| (end[0] - from[0]).hypot(end[1] - from[1]);
+        let longest = ends.first().map_or(0.0, length).max(ends.last().map_or(0.0, length));
+        let steps = steps_for(longest, every_px);
         let mut sums = fan_sums(self.ridge.steps(), self.ridge.width, [0.5; 2], from, ends, steps);
         if let Some(layer) = &self.network {
             let more = fan_sums(&layer.steps, layer.width, layer.scale, from, ends, steps);
