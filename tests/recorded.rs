@@ -2,8 +2,8 @@
 #![allow(clippy::unwrap_used)] // the helpers of tests are tests
 
 use boxline::{
-    BoxReport, ErrorKind, Estimate, FaceOutcome, Frame, Method, Outcome, Reject, Settings, measure_box,
-    measure_face,
+    BoxReport, ErrorKind, Estimate, FaceOutcome, Frame, Method, Outcome, Reject, Settings, Workers,
+    measure_box, measure_face,
 };
 use boxline_tests::{Recorded, check_expected, face_summary, report_summary};
 use serde_json::Map;
@@ -221,6 +221,43 @@ fn recorded_frames_in_worse_light_are_right_or_refused() {
         }
     }
     assert!(wrong.is_empty(), "\n{}", wrong.join("\n"));
+}
+
+/// Two threads for the two frames of a box.
+struct TwoThreads;
+
+impl Workers for TwoThreads {
+    fn both(&self, first: &mut (dyn FnMut() + Send), second: &mut (dyn FnMut() + Send)) {
+        std::thread::scope(|scope| {
+            scope.spawn(second);
+            first();
+        });
+    }
+}
+
+/// Workers that do nothing.
+struct Idle;
+
+impl Workers for Idle {
+    fn both(&self, _: &mut (dyn FnMut() + Send), _: &mut (dyn FnMut() + Send)) {}
+}
+
+#[test]
+fn frames_side_by_side_give_the_same_report_as_one_after_the_other() {
+    let recorded = Recorded::read("b02");
+    let (a, b) = (recorded.frame("a"), recorded.frame("b"));
+    let alone = settings(Method::Fit);
+    let together = Settings { workers: Some(&TwoThreads), ..alone };
+    let (mut times, mut times_together) = (Vec::new(), Vec::new());
+    let report = measure_box(&a, &b, &recorded.calibration, &alone, &mut times).unwrap();
+    let same = measure_box(&a, &b, &recorded.calibration, &together, &mut times_together).unwrap();
+    assert_eq!(format!("{report:?}"), format!("{same:?}"));
+    let stages = |times: &[(&'static str, u64)]| times.iter().map(|(stage, _)| *stage).collect::<Vec<_>>();
+    assert_eq!(stages(&times), stages(&times_together));
+
+    let idle = Settings { workers: Some(&Idle), ..alone };
+    let error = measure_box(&a, &b, &recorded.calibration, &idle, &mut Vec::new()).unwrap_err();
+    assert_eq!(error.kind(), ErrorKind::Cancelled, "{error}");
 }
 
 /// A frame is whole or an error. A flipped bit may still give a picture, never a panic.

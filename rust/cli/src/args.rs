@@ -1,5 +1,6 @@
 //! The command line. Help texts here are what a user reads first: each command shows an example.
 
+use crate::workers::Pool;
 use boxline::measurement::USUAL_DRIFT_RAD;
 use boxline::{EdgeMethod, Method, Network, Settings};
 use boxline_edgenet::{EdgeNet, Options};
@@ -386,6 +387,7 @@ impl How {
             edges: self.edges.into(),
             choose: choose.map(|number| usize::from(number).saturating_sub(1)),
             network: network.map(|n| n as &dyn Network),
+            workers: Some(&Pool),
             drift_rad: self.drift_mrad * 1e-3,
             free: self.free,
             ..Settings::default()

@@ -21,6 +21,7 @@ mod overlay;
 mod render;
 mod text;
 mod verify;
+mod workers;
 
 use args::{Args, Command};
 use boxline::ErrorKind;

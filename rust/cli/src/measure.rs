@@ -31,7 +31,8 @@ pub fn measure(args: &MeasureArgs) -> anyhow::Result<Finished> {
             calibration.serial()
         );
     }
-    let (frame_a, frame_b) = (read_frame(&first.1)?, read_frame(&second.1)?);
+    let (frame_a, frame_b) = rayon::join(|| read_frame(&first.1), || read_frame(&second.1));
+    let (frame_a, frame_b) = (frame_a?, frame_b?);
     let network = args.how.network.load(args.how.edges)?;
     let settings = args.how.settings(args.choose, network.as_ref());
     let (report, hints) =

@@ -31,6 +31,12 @@ pub enum EdgeMethod {
     Hough,
 }
 
+/// Threads that the caller lends, as many as it likes: the library has none of its own.
+pub trait Workers: Sync {
+    /// Does both pieces of work, side by side if a thread is free.
+    fn both(&self, first: &mut (dyn FnMut() + Send), second: &mut (dyn FnMut() + Send));
+}
+
 /// What the caller may choose. `Default` is what the courier uses.
 #[derive(Clone, Copy)]
 pub struct Settings<'a> {
@@ -42,6 +48,9 @@ pub struct Settings<'a> {
     pub choose: Option<usize>,
     /// The network for [`EdgeMethod::Net`] and [`EdgeMethod::Hough`].
     pub network: Option<&'a dyn Network>,
+    /// Measures the two frames of a box side by side; `None`: one after the other. With a network, which has its own threads, it is
+    /// always one after the other.
+    pub workers: Option<&'a dyn Workers>,
     /// Becomes true when the result is not wanted any more; looked at between stages.
     pub cancelled: Option<&'a AtomicBool>,
     /// How far each laser may have turned since the calibration, rad, 1 sigma. A larger one makes sigmas larger and lets
@@ -62,6 +71,7 @@ impl Default for Settings<'_> {
             edges: EdgeMethod::default(),
             choose: None,
             network: None,
+            workers: None,
             cancelled: None,
             drift_rad: USUAL_DRIFT_RAD,
             free: false,
@@ -76,6 +86,7 @@ impl std::fmt::Debug for Settings<'_> {
             .field("edges", &self.edges)
             .field("choose", &self.choose)
             .field("network", &self.network.is_some())
+            .field("workers", &self.workers.is_some())
             .field("drift_rad", &self.drift_rad)
             .field("free", &self.free)
             .finish()

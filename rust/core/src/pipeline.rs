@@ -57,10 +57,15 @@ impl<'a> Clock<'a> {
         let now = Instant::now();
         let nanos = u64::try_from((now - self.since).as_nanos()).unwrap_or(u64::MAX);
         self.since = now;
-        match self.times.iter_mut().find(|(name, _)| *name == stage) {
-            Some((_, sum)) => *sum += nanos,
-            None => self.times.push((stage, nanos)),
-        }
+        add_time(self.times, stage, nanos);
+    }
+}
+
+/// Adds to the time of a stage.
+fn add_time(times: &mut StageTimes, stage: &'static str, nanos: u64) {
+    match times.iter_mut().find(|(name, _)| *name == stage) {
+        Some((_, sum)) => *sum += nanos,
+        None => times.push((stage, nanos)),
     }
 }
 
@@ -360,11 +365,21 @@ pub fn measure_box_with_hints(
     settings: &Settings,
     times: &mut StageTimes,
 ) -> Result<(BoxReport, [Option<Hint>; 2]), Error> {
-    let mut face = |frame: &Frame, name: &str| {
+    let face = |frame: &Frame, name: &str, times: &mut StageTimes| {
         measure_face_with_hint(frame, calibration, settings, times).map_err(|e| e.in_context(name))
     };
-    let (a, hint_a) = face(first, "first frame")?;
-    let (b, hint_b) = face(second, "second frame")?;
+    let ((a, hint_a), (b, hint_b)) = match settings.workers.filter(|_| asked_network(settings).is_none()) {
+        Some(workers) => {
+            let (mut a, mut b, mut more) = (None, None, StageTimes::new());
+            workers.both(&mut || a = Some(face(first, "first frame", times)), &mut || {
+                b = Some(face(second, "second frame", &mut more));
+            });
+            more.into_iter().for_each(|(stage, nanos)| add_time(times, stage, nanos));
+            let left_out = || Err(Error::new(ErrorKind::Cancelled, "the caller's workers left out a frame"));
+            (a.unwrap_or_else(left_out)?, b.unwrap_or_else(left_out)?)
+        }
+        None => (face(first, "first frame", times)?, face(second, "second frame", times)?),
+    };
     let hints = [hint_a, hint_b];
     let frames = [first, second];
     let (outcome, warnings, settled) = match (&a, &b) {
