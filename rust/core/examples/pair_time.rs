@@ -1,14 +1,15 @@
-//! Processor time and peak memory of a whole pair without network, from two JPEGs in memory to a result:
+//! Processor time, wall time on two threads and peak memory of a whole pair without network, from two JPEGs in memory to a result:
 //!
 //! ```text
 //! cargo run --release -p boxline --example pair_time -- tests/data/b02 [loops]
 //! ```
-//! `tests/turbo/decode_referee.py` says what libjpeg-turbo takes to decode the two alone; `rust/SPEED.md` compares. Processor
+//! `tests/turbo/decode.c` says what libjpeg-turbo takes to decode the two alone; `rust/SPEED.md` compares. Processor
 //! time of one thread does not depend on who else uses the machine, but for caches and clock. Linux only: reads /proc.
 
-use boxline::{EdgeMethod, Frame, Settings, StageTimes, measure_box};
+use boxline::{EdgeMethod, Frame, Settings, StageTimes, Workers, measure_box};
 use boxline_proto::json::{read_calibration, read_recording};
 use std::path::PathBuf;
+use std::time::Instant;
 
 /// A number of `/proc/self/<file>` after a name.
 fn proc_number(file: &str, name: &str) -> f64 {
@@ -19,7 +20,20 @@ fn proc_number(file: &str, name: &str) -> f64 {
 
 /// Time on the processor so far, ms.
 fn processor_ms() -> f64 {
+    std::thread::yield_now(); // the kernel counts when it switches
     proc_number("schedstat", "") * 1e-6
+}
+
+/// A second thread for the second frame.
+struct TwoThreads;
+
+impl Workers for TwoThreads {
+    fn both(&self, first: &mut (dyn FnMut() + Send), second: &mut (dyn FnMut() + Send)) {
+        std::thread::scope(|scope| {
+            scope.spawn(second);
+            first();
+        });
+    }
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -33,7 +47,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         frame.map(|f| std::fs::read(&f.file)).transpose().ok().flatten().unwrap_or_default()
     });
     let settings = Settings { edges: EdgeMethod::Gradient, ..Settings::default() };
-    let (mut decode, mut whole) = (Vec::new(), Vec::new());
+    let (mut decode, mut whole, mut wall) = (Vec::new(), Vec::new(), Vec::new());
     let mut stages: Vec<(&str, f64)> = Vec::new();
     for _ in 0..loops {
         let start = processor_ms();
@@ -43,6 +57,16 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         measure_box(&frames[0], &frames[1], &calibration, &settings, &mut times)?;
         whole.push(processor_ms() - start);
         decode.push(decoded - start);
+        let side_by_side = Settings { workers: Some(&TwoThreads), ..settings };
+        let start = Instant::now();
+        let (mut a, mut b) = (None, None);
+        TwoThreads.both(&mut || a = Some(Frame::from_jpeg(&jpegs[0])), &mut || {
+            b = Some(Frame::from_jpeg(&jpegs[1]));
+        });
+        if let (Some(a), Some(b)) = (a, b) {
+            measure_box(&a?, &b?, &calibration, &side_by_side, &mut StageTimes::new())?;
+        }
+        wall.push(start.elapsed().as_secs_f64() * 1e3);
         for (stage, nanos) in times {
             let ms = nanos as f64 * 1e-6;
             match stages.iter_mut().find(|(name, _)| *name == stage) {
@@ -51,7 +75,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             }
         }
     }
-    for (name, mut times) in [("decode both, zune-jpeg", decode), ("whole pair", whole)] {
+    let named = [
+        ("processor time: decode both, zune-jpeg", decode),
+        ("processor time: whole pair", whole),
+        ("wall time: whole pair on two threads", wall),
+    ];
+    for (name, mut times) in named {
         times.sort_by(f64::total_cmp);
         println!("{name}: median {:.1} ms, least {:.1} ms of {loops}", times[loops / 2], times[0]);
     }
