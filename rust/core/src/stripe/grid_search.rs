@@ -378,6 +378,8 @@ pub(crate) fn diagonals(calibration: &Calibration) -> [Diagonal; 2] {
 const PARTIAL: f64 = 0.3;
 /// Strength (sigmas of 3) of the full segment and of both partial ones that tells three stripes on one plane.
 const THREE_STRONG: f32 = 1.8;
+/// A first look's mean below this is no such segment: it scatters by 0.3.
+const THREE_COARSE: f32 = 0.9;
 /// Strongest full segments that are followed up.
 const THREE_KEEP: usize = 40;
 
@@ -408,14 +410,24 @@ pub(crate) fn three_stripes(
             let w = w_min + n as f64 * step;
             (Vector3::new(line.0[0] + w * line.1[0], line.0[1] + w * line.1[1], 1.0), w)
         };
+        let places = lines.map(|line| (0..levels).map(|n| px(at(&line, n).0)).collect::<Vec<_>>());
         let mut strong = Vec::new();
         for n in 0..levels {
-            for m in 0..levels {
-                let ((x, wx), (y, wy)) = (at(&lines[0], n), at(&lines[1], m));
-                if wx.max(wy) > MAX_RATIO * wx.min(wy) {
+            let Some(a) = places[0][n] else { continue };
+            let (x, wx) = at(&lines[0], n);
+            let near = (0..levels).filter(|m| {
+                let wy = at(&lines[1], *m).1;
+                wx.max(wy) <= MAX_RATIO * wx.min(wy)
+            });
+            let (ms, ends): (Vec<usize>, Vec<[f32; 2]>) =
+                near.filter_map(|m| Some((m, places[1][m]?))).unzip();
+            let coarse = along.means_of_fan(a, &ends, COARSE_PX);
+            for ((m, b), coarse) in ms.into_iter().zip(ends).zip(coarse) {
+                let (y, wy) = at(&lines[1], m);
+                if coarse < THREE_COARSE {
                     continue;
                 }
-                let (Some(a), Some(c), Some(b)) = (px(x), px((x + y) * 0.5), px(y)) else { continue };
+                let Some(c) = px((x + y) * 0.5) else { continue };
                 let strength = mean_along(along, a, c, b, SAMPLE_PX);
                 if strength > THREE_STRONG {
                     strong.push((strength, x, wx, y, wy));
