@@ -50,7 +50,7 @@ impl LineTones {
     pub fn add(&mut self, frame: &Frame, places: Range<usize>, from: Px, step_px: [f64; 2]) {
         let length = places.len() as f64;
         let ends = [from.u, from.v, from.u + step_px[0] * length, from.v + step_px[1] * length];
-        if ends.iter().any(|x| !(x.abs() < FARTHEST_PX)) {
+        if !ends.iter().all(|x| x.abs() < FARTHEST_PX) {
             return;
         }
         let fixed = |px: f64| (px * f64::from(1u32 << FRACTION)) as i32;
