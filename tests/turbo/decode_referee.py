@@ -1,4 +1,5 @@
-"""Processor time of libjpeg-turbo for the two JPEGs of a box, as a referee for rust/SPEED.md.
+"""Processor time of Pillow, which decodes by libjpeg-turbo, for the two JPEGs of a box: the first referee of rust/SPEED.md. `decode.c`
+is without Pillow's memory and copies, which take most of the time.
 
     pip install pillow
     python tests/turbo/decode_referee.py tests/data/b02 [loops]
