@@ -7,6 +7,7 @@ use crate::edges::{EdgeDetector, hough::HoughDetector, subpixel::GradientDetecto
 use crate::error::{Error, ErrorKind};
 use crate::face::extent::{FaceStripes, Sight, follow_stripes, inner_segments};
 use crate::face::map_outline::{LEAST_EDGE, MapOutline, map_outline, mask_at_border};
+use crate::face::outline::RoughRectangle;
 use crate::face::raster::PlaneRaster;
 use crate::face_lines::view::FacePose;
 use crate::feasibility::{self, Hint};
@@ -17,8 +18,8 @@ use crate::measurement::{
     BoxReport, DepthSeen, EdgeMethod, FaceMeasurement, FaceOutcome, Outcome, Settings, StageTimes,
 };
 use crate::network::{FaceMaps, Network};
-use crate::rectangle;
 use crate::rectangle::hypothesize::{Which, cut_by_border, hypothesize, limits, snap_to_image};
+use crate::rectangle::{self, Attempt, Measured};
 use crate::reject::Reject;
 use crate::stripe::grid_search::{self, Evidence, GridHypothesis};
 use crate::units::LaserId;
@@ -266,13 +267,23 @@ fn measure_on_plane(
         clock.see(&rough.raster, &rough.offsets_mm);
     }
     for (index, rough) in roughs.iter().enumerate() {
-        let keep_out = rectangle::keep_out(calibration, &face, rough);
-        let edges = detector.edge_points(frame, calibration, rough, &keep_out);
-        clock.lap("edges");
-        let result = rectangle::measure(frame, calibration, &face, rough, &edges, settings);
-        clock.lap("fit");
+        let mut measure = |rough: &RoughRectangle, attempt: Attempt| {
+            let keep_out = rectangle::keep_out(calibration, &face, rough);
+            let edges = detector.edge_points(frame, calibration, rough, &keep_out);
+            clock.lap("edges");
+            let result = rectangle::measure(frame, calibration, &face, rough, &edges, settings, attempt);
+            clock.lap("fit");
+            result
+        };
+        let result = match measure(rough, Attempt::First) {
+            Ok(Measured::Misplaced(moved)) => {
+                measure(&moved, Attempt::Last).or_else(|_| measure(rough, Attempt::Last))
+            }
+            result => result,
+        };
         match result {
-            Ok(face) => faces.push(face),
+            Ok(Measured::Face(face)) => faces.push(*face),
+            Ok(Measured::Misplaced(_)) => {} // of a first attempt only
             // An alternative that fails is none.
             Err(reject) if index == 0 => return Err(reject),
             Err(_) => {}

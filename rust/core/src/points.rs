@@ -12,7 +12,8 @@ use crate::face::raster::{OnPlane, PlaneRaster};
 use crate::frames::Plane;
 use crate::measurement::{FaceMeasurement, Outcome, Settings};
 use crate::rectangle::Observed;
-use crate::rectangle::sharp_edge::{combine, from_radius, middle, outwards};
+use crate::rectangle::rounding::EdgeProfile;
+use crate::rectangle::sharp_edge::{combine, from_shading, middle, outwards};
 use crate::units::{LaserId, Px};
 use crate::warning::Warning;
 use nalgebra::Vector3;
@@ -29,6 +30,17 @@ pub struct SeenSide {
     pub beyond: Vec<(LaserId, Px)>,
     /// ... and the standard deviation of the place that they tell, mm.
     pub beyond_sigma_mm: f64,
+    /// Brightness across the side, if it is seen.
+    pub profile: Option<SeenProfile>,
+}
+
+/// Brightness across a side in linear light, one sample a px outwards.
+#[derive(Clone, Debug, Default)]
+pub struct SeenProfile {
+    /// The first sample lies so far inside the strongest gradient.
+    pub inside_px: usize,
+    /// Brightness and its standard deviation.
+    pub samples: Vec<(f64, f64)>,
 }
 
 /// Measures a face from the points of its four stripes, along each in order, and of its four sides, in any order of sides.
@@ -75,8 +87,14 @@ pub fn measure_points(
     let rough = RoughRectangle { raster, offsets_mm, at_ends: [true; 4], mm_per_px };
     let observed = Observed { calibration, stripes: &stripes, edges: &edges };
     let fitted = observed.fit(&plane, &rough, settings)?;
+    let profiles = order.map(|i| {
+        let profile = sides[i].profile.as_ref()?;
+        let (light, sigma) = profile.samples.iter().copied().unzip();
+        Some(EdgeProfile { inside_px: profile.inside_px, light, sigma })
+    });
+    let expected = from_shading(calibration, &fitted.fit, &profiles);
     let corrections = [0, 1, 2, 3].map(|side| {
-        let expected = from_radius(&fitted.fit, side);
+        let expected = expected[side];
         let seen = &sides[order[side]];
         let places = seen.beyond.iter().filter_map(|(laser, at)| {
             let on_laser = calibration.laser(*laser).intersect(&calibration.camera().ray_from_px(*at))?;

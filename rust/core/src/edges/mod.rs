@@ -55,6 +55,30 @@ pub(crate) fn linear_light() -> [f32; 256] {
 /// The tone at a sub-pixel position, and the same in [`linear_light`].
 #[inline]
 pub(crate) fn tones(frame: &Frame, linear: &[f32; 256], u: f64, v: f64) -> Option<(Tone, Tone)> {
+    let tone = |[red, green, blue]: [f32; 3]| [0.5 * (green + blue), 0.5 * (red - blue)];
+    sampled(frame, u, v, |p| {
+        let grey = tone(p.map(f32::from));
+        let light = tone(p.map(|level| linear[usize::from(level)]));
+        [grey[0], grey[1], light[0], light[1]]
+    })
+    .map(|[a, b, c, d]| ([a, b], [c, d]))
+}
+
+/// `R - (G + B) / 2` at a sub-pixel position, grey levels: where laser light is.
+#[inline]
+pub(crate) fn redness(frame: &Frame, u: f64, v: f64) -> Option<f32> {
+    let of = |[red, green, blue]: [u8; 3]| [f32::from(red) - 0.5 * (f32::from(green) + f32::from(blue))];
+    sampled(frame, u, v, of).map(|[redness]| redness)
+}
+
+/// What a pixel tells, at a sub-pixel position, bilinear.
+#[inline]
+fn sampled<const N: usize>(
+    frame: &Frame,
+    u: f64,
+    v: f64,
+    told: impl Fn([u8; 3]) -> [f32; N],
+) -> Option<[f32; N]> {
     let (w, h) = (frame.width_px(), frame.height_px());
     if !(u >= 0.0 && v >= 0.0) {
         return None;
@@ -68,20 +92,16 @@ pub(crate) fn tones(frame: &Frame, linear: &[f32; 256], u: f64, v: f64) -> Optio
     }
     let rows = [y, y + 1].map(|row| frame.rgb().get((row * w + x) * 3..(row * w + x) * 3 + 6));
     let [Some(top), Some(bottom)] = rows else { return None };
-    let (mut tone, mut light) = ([0.0; 2], [0.0; 2]);
+    let mut result = [0.0; N];
     for (p, weight) in [
         (&top[..3], (1.0 - fu) * (1.0 - fv)),
         (&top[3..], fu * (1.0 - fv)),
         (&bottom[..3], (1.0 - fu) * fv),
         (&bottom[3..], fu * fv),
     ] {
-        let half = 0.5 * weight;
-        let [red, green, blue] = [p[0], p[1], p[2]].map(f32::from);
-        tone = [tone[0] + half * (green + blue), tone[1] + half * (red - blue)];
-        let [red, green, blue] = [p[0], p[1], p[2]].map(|level| linear[usize::from(level)]);
-        light = [light[0] + half * (green + blue), light[1] + half * (red - blue)];
+        result.iter_mut().zip(told([p[0], p[1], p[2]])).for_each(|(r, value)| *r += weight * value);
     }
-    Some((tone, light))
+    Some(result)
 }
 
 /// Scale of zero-mean noise from the median of its absolute values; `floor` where the picture is flat.

@@ -64,6 +64,15 @@ pub(crate) struct RoughRectangle {
 }
 
 impl RoughRectangle {
+    /// The rectangle with each side moved outwards.
+    pub fn moved_outwards(&self, by_mm: [f64; 4]) -> Self {
+        let mut moved = self.clone();
+        for ((offset, by_mm), (_, high)) in moved.offsets_mm.iter_mut().zip(by_mm).zip(SIDES) {
+            *offset += if high { by_mm } else { -by_mm };
+        }
+        moved
+    }
+
     /// Where a side begins and ends along its direction, mm.
     pub fn span_mm(&self, side: usize) -> (f64, f64) {
         span_mm(&self.offsets_mm, side)

@@ -1,12 +1,14 @@
 //! The rectangle of a face on its plane: which one ([`hypothesize`]), its joint fit ([`refine`]), the paper's eight key
-//! points ([`key_points`]), the way from rounded to sharp edges ([`sharp_edge`]), its sigmas ([`uncertainty`]), what the
+//! points ([`key_points`]), the way from rounded to sharp edges ([`sharp_edge`], [`rounding`]), its sigmas ([`uncertainty`]), what the
 //! residuals tell ([`self_check`], [`surface`]), and the result (this file).
 
 pub(crate) mod hypothesize;
 pub(crate) mod key_points;
 pub(crate) mod refine;
+pub(crate) mod rounding;
 mod self_check;
 pub(crate) mod sharp_edge;
+pub(crate) mod stripe_ends;
 mod surface;
 mod uncertainty;
 
@@ -24,13 +26,32 @@ use crate::units::{AngleEstimate, Estimate, LaserId, Px};
 use crate::warning::Warning;
 use nalgebra::Matrix2;
 use refine::{Anchor, FittedRectangle, ITERATIONS, Problem, Shape, middles_mm, refine, start_from};
-use sharp_edge::Correction;
+use sharp_edge::{Correction, Sharpened};
 
 /// Fewest edge points on a side.
 const MIN_EDGE_POINTS: usize = 8;
 /// Residuals above these are not noise: stripes scatter by 0.2 to 0.5 px, edges by 0.3 to 1 px.
 const MAX_STRIPE_RMS_PX: f64 = 1.5;
 const MAX_EDGE_RMS_PX: f64 = 1.5;
+
+/// What became of a rough rectangle.
+pub(crate) enum Measured {
+    Face(Box<FaceMeasurement>),
+    /// The stripes end elsewhere than the edges that were found near it: here other edges should be looked for.
+    Misplaced(RoughRectangle),
+}
+
+/// The rough rectangle and what is left of hope for a better one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Attempt {
+    First,
+    /// Misplaced sides are refused or get a wide sigma.
+    Last,
+}
+
+/// A side that lies so far beyond where both its stripes end, px, is none: nothing that is not the face can be nearer to the head
+/// than its stripes.
+const TOO_FAR_PX: f64 = 10.0;
 
 /// Fits the rectangle of a face and judges it.
 pub(crate) fn measure(
@@ -40,7 +61,8 @@ pub(crate) fn measure(
     rough: &RoughRectangle,
     edges: &[Vec<EdgePoint>; 4],
     settings: &Settings,
-) -> Result<FaceMeasurement, Reject> {
+    attempt: Attempt,
+) -> Result<Measured, Reject> {
     let sides_found = edges.iter().filter(|e| e.len() >= MIN_EDGE_POINTS).count() as u8;
     let open = || Reject::RectangleOpen { sides_found };
     if sides_found < 4 {
@@ -58,12 +80,26 @@ pub(crate) fn measure(
         return Err(Reject::NotARectangle { rms_px: fit.edge_rms_px, limit_px });
     }
     check_crossings(frame, calibration, fit)?;
-    let corrections = sharp_edge::corrections(frame, calibration, face, fit, &rough.at_ends);
-    if settings.method == Method::Keypoints {
-        let points = key_points::measure(calibration, face, fit, edges).ok_or_else(open)?;
-        return observed.by_key_points(&fitted, &corrections, &points).ok_or_else(open);
+    let lit = keep_out(calibration, face, rough);
+    let Sharpened { corrections, misplaced_mm } =
+        sharp_edge::sharpen(frame, calibration, face, fit, &rough.at_ends, &lit);
+    if let Some(off_mm) = misplaced_mm {
+        let beyond_ends = off_mm.iter().filter(|off| **off < -TOO_FAR_PX * rough.mm_per_px).count() as u8;
+        match attempt {
+            Attempt::First => return Ok(Measured::Misplaced(rough.moved_outwards(off_mm))),
+            Attempt::Last if beyond_ends > 0 => {
+                return Err(Reject::RectangleOpen { sides_found: 4 - beyond_ends });
+            }
+            Attempt::Last => {}
+        }
     }
-    observed.by_fit(fitted, &corrections).ok_or_else(open)
+    let face = if settings.method == Method::Keypoints {
+        let points = key_points::measure(calibration, face, fit, edges).ok_or_else(open)?;
+        observed.by_key_points(&fitted, &corrections, &points)
+    } else {
+        observed.by_fit(fitted, &corrections)
+    };
+    Ok(Measured::Face(Box::new(face.ok_or_else(open)?)))
 }
 
 /// What was seen of a face.

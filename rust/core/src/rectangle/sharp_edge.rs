@@ -4,9 +4,12 @@
 //! - Beyond a crease (or where the box stands on the floor) the stripes run on over a surface at a right angle to the face
 //!   that contains the sharp edge. Each of their points is triangulated on its laser plane; its coordinate across the side
 //!   is the side's place, whatever the radius.
-//! - Otherwise geometry and what is known of cardboard: radius 0.5 to 4 mm (physics.md).
+//! - The arc's shading tells radius and place ([`rounding`]); where it does not, geometry and the radius of the other sides or, at
+//!   last, of cardboard.
 
 use super::refine::FittedRectangle;
+use super::rounding::{self, EdgeProfile, SideView, touching_share};
+use super::stripe_ends::{self, StripeEnds};
 use crate::calibration::Calibration;
 use crate::face::extent::FaceStripes;
 use crate::face::outline::{SIDES, span_mm};
@@ -23,14 +26,17 @@ use nalgebra::{Matrix2, Vector2, Vector3};
 pub(crate) struct Correction {
     pub outwards_mm: f64,
     pub sigma_mm: f64,
-    /// The part of sigma that all edges of a box share: its radius, which is known only as cardboard's.
+    /// The part of sigma that all edges of a box share: what is not known of its radius.
     pub by_radius_mm: f64,
-    /// Whether stripes beyond the edge measured it.
-    pub measured: bool,
 }
 
-/// Radius of cardboard edges, mm: mean and standard deviation of 0.5 to 4 mm (physics.md), every scale alike.
-const RADIUS_MM: (f64, f64) = (1.68, 0.98);
+/// Where the strongest gradient of an edge lies: this share of its radius inside the sharp edge, and the scatter of that.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Rule {
+    pub share: f64,
+    pub share_sigma: f64,
+}
+
 /// The strongest gradient on a crease lies this share of the radius inside the sharp edge when the face is seen straight on,
 /// less by the tangent of the view where the neighbouring face shows; and its scatter. It lies where the rounding begins if the
 /// neighbour is the brighter one and where it ends if it is darker, which light decides. Means over light, views and blur
@@ -40,6 +46,8 @@ const CREASE_SHARE: (f64, f64) = (0.37, 0.41);
 /// shading begins before it ends; and the scatter of that: shading, a neighbour of the same brightness behind. From the same
 /// model (0.09, 0.26) and the same from rendered boxes (0.1).
 const SILHOUETTE_SHARE: (f64, f64) = (0.09, 0.26);
+/// Mean radius of cardboard's edges (0.5 to 4 mm, physics.md, every scale alike).
+const USUAL_RADIUS_MM: f64 = 1.7;
 /// Stripe points up to this far behind the face are used, mm: nearer ones lie on the rounding, farther ones only tell of
 /// the neighbouring face's own angle.
 const DEPTH_MM: (f64, f64) = (5.0, 120.0);
@@ -56,35 +64,111 @@ const MIN_POINTS: usize = 8;
 /// What remains of a measured side, mm: flatness of the neighbouring face near the edge.
 const FLATNESS_MM: f64 = 0.15;
 
-/// The corrections of the four sides, in the order of [`SIDES`].
-pub(crate) fn corrections(
+/// What is known of the four sides, in the order of [`SIDES`].
+pub(crate) struct Sharpened {
+    pub corrections: [Correction; 4],
+    /// How far outwards, mm, the stripes' ends want each side, if some of them are far from its line.
+    pub misplaced_mm: Option<[f64; 4]>,
+}
+
+/// Both ends of a side want it elsewhere if that is farther than this many sigmas and px: edges and ends scatter by 1 to 2 px.
+const MISPLACED: (f64, f64) = (3.0, 4.0);
+/// Beyond a crease with a greater tangent of the view a stripe may run on along nearly the same line in the picture.
+const STEEP_TAN: f64 = 0.15;
+
+/// Finds the way from the fitted lines to the sharp edges; `keep_out` are places with laser light.
+pub(crate) fn sharpen(
     frame: &Frame,
     calibration: &Calibration,
     face: &FaceStripes,
     fit: &FittedRectangle,
     at_ends: &[bool; 4],
-) -> [Correction; 4] {
-    [0, 1, 2, 3].map(|side| {
+    keep_out: &[(Px, f64)],
+) -> Sharpened {
+    let views = views(calibration, fit);
+    let rules = views.map(|view| Rule::new(&view));
+    let mut tables = [0, 1, 2, 3].map(|side| {
+        let view = &views[side];
+        let profile =
+            at_ends[side].then(|| rounding::profile(frame, calibration, fit, side, view, keep_out))??;
+        rounding::explain(&profile, &rules[side], view)
+    });
+    let by_shading = rounding::corrections(&rules, &views, &tables);
+    let mut misplaced_mm = None;
+    let mut contradicted = [None; 4];
+    for side in 0..4 {
+        let Some(ends) = stripe_ends::find(frame, calibration, fit, side, face.half_width_px) else {
+            continue;
+        };
+        let off_mm = off_mm(&ends, &by_shading[side], &views[side]);
+        let far = off_mm.abs() > MISPLACED.0 * by_shading[side].sigma_mm.hypot(ends.sigma_mm);
+        if far && ends.agree && off_mm.abs() > MISPLACED.1 * ends.mm_per_px {
+            misplaced_mm.get_or_insert([0.0; 4])[side] = off_mm;
+        }
+        if far {
+            contradicted[side] = Some(off_mm);
+        } else if at_ends[side] {
+            let told = rounding::explain_ends(&ends, &rules[side], &views[side]);
+            tables[side] = Some(tables[side].map_or(told, |table| table + told));
+        }
+    }
+    let expected = rounding::corrections(&rules, &views, &tables);
+    let corrections = [0, 1, 2, 3].map(|side| {
         if !at_ends[side] {
             // A seam between flush boxes is dark where both roundings meet: at the sharp edge.
-            return Correction { outwards_mm: 0.0, sigma_mm: 0.3, by_radius_mm: 0.0, measured: false };
+            return Correction { outwards_mm: 0.0, sigma_mm: 0.3, by_radius_mm: 0.0 };
         }
-        let expected = from_radius(fit, side);
+        if let Some(off_mm) = contradicted[side] {
+            return between(expected[side], off_mm);
+        }
         match from_stripes(frame, calibration, face, fit, side) {
-            Some((outwards_mm, sigma_mm)) => combine(expected, outwards_mm, sigma_mm),
-            None => expected,
+            Some((outwards_mm, sigma_mm)) => combine(expected[side], outwards_mm, sigma_mm),
+            None => expected[side],
         }
-    })
+    });
+    Sharpened { corrections, misplaced_mm }
 }
 
-/// Weighted mean of what is known of radii and what the stripes measured.
+/// How far outwards of the expected sharp edge the stripes' ends want it, mm.
+fn off_mm(ends: &StripeEnds, expected: &Correction, view: &SideView) -> f64 {
+    let off_mm = ends.outwards_mm + touching_share(view) * USUAL_RADIUS_MM - expected.outwards_mm;
+    if view.tan > STEEP_TAN { off_mm.min(0.0) } else { off_mm }
+}
+
+/// Edge and stripes contradict each other: either may be right.
+fn between(expected: Correction, off_mm: f64) -> Correction {
+    Correction {
+        outwards_mm: expected.outwards_mm + 0.5 * off_mm,
+        sigma_mm: expected.sigma_mm.hypot(0.5 * off_mm),
+        by_radius_mm: expected.by_radius_mm,
+    }
+}
+
+fn views(calibration: &Calibration, fit: &FittedRectangle) -> [SideView; 4] {
+    let straight_on = SideView { tan: 0.0, mm_per_px: 1.0 };
+    [0, 1, 2, 3].map(|side| rounding::view(calibration, fit, side).unwrap_or(straight_on))
+}
+
+/// What shading and geometry tell of all four sides.
+pub(crate) fn from_shading(
+    calibration: &Calibration,
+    fit: &FittedRectangle,
+    profiles: &[Option<EdgeProfile>; 4],
+) -> [Correction; 4] {
+    let views = views(calibration, fit);
+    let rules = views.map(|view| Rule::new(&view));
+    let tables =
+        [0, 1, 2, 3].map(|side| rounding::explain(profiles[side].as_ref()?, &rules[side], &views[side]));
+    rounding::corrections(&rules, &views, &tables)
+}
+
+/// Weighted mean of what shading and radius tell and what the stripes measured.
 pub(crate) fn combine(expected: Correction, outwards_mm: f64, sigma_mm: f64) -> Correction {
     let (w1, w2) = (expected.sigma_mm.powi(-2), sigma_mm.powi(-2));
     Correction {
         outwards_mm: (expected.outwards_mm * w1 + outwards_mm * w2) / (w1 + w2),
         sigma_mm: (w1 + w2).sqrt().recip(),
         by_radius_mm: expected.by_radius_mm * w1 / (w1 + w2),
-        measured: true,
     }
 }
 
@@ -102,25 +186,22 @@ pub(crate) fn middle(fit: &FittedRectangle, side: usize) -> Vector3<f64> {
 }
 
 /// Unit normal of the face, away from the camera.
-fn normal(fit: &FittedRectangle) -> Vector3<f64> {
+pub(crate) fn normal(fit: &FittedRectangle) -> Vector3<f64> {
     fit.raster.plane.normal_and_distance_mm().0
 }
 
-/// What geometry and the usual radius of cardboard tell.
-pub(crate) fn from_radius(fit: &FittedRectangle, side: usize) -> Correction {
-    let view = -middle(fit, side).normalize();
-    let (out, facing) = (view.dot(&outwards(fit, side)), -view.dot(&normal(fit)));
-    let (radius, radius_sigma) = RADIUS_MM;
-    let tan = -out / facing.max(1e-3);
-    let (share, share_sigma) = if tan < 0.0 {
-        // The neighbouring face is in view: between both ends of the rounding as it appears.
-        (CREASE_SHARE.0 * (1.0 + tan).max(0.0), CREASE_SHARE.1)
-    } else {
-        // Silhouette: the ray that touches the rounding meets the face's plane r (1 + tan - 1 / cos) inside the edge.
-        (1.0 + tan - (1.0 + tan * tan).sqrt() + SILHOUETTE_SHARE.0, SILHOUETTE_SHARE.1)
-    };
-    let sigma_mm = (share * radius_sigma).hypot(share_sigma * radius);
-    Correction { outwards_mm: share * radius, sigma_mm, by_radius_mm: share * radius_sigma, measured: false }
+impl Rule {
+    pub fn new(view: &SideView) -> Self {
+        let t = view.tan;
+        let (share, share_sigma) = if t > 0.0 {
+            // The neighbouring face is in view: between both ends of the rounding as it appears.
+            (CREASE_SHARE.0 * (1.0 - t).max(0.0), CREASE_SHARE.1)
+        } else {
+            // The ray that touches the rounding meets the face's plane inside the edge.
+            (touching_share(view) + SILHOUETTE_SHARE.0, SILHOUETTE_SHARE.1)
+        };
+        Self { share, share_sigma }
+    }
 }
 
 /// The side's place from stripe points beyond it, outwards from the image's edge, and its sigma, mm.

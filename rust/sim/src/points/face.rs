@@ -1,11 +1,11 @@
 //! One face of a rounded box under four lasers, as points.
 
-use super::rounding::{Edge, Light};
+use super::rounding::{Edge, EdgePicture, Light};
 use super::truth::PointFace;
 use crate::head::Head;
 use crate::pose::{Along, Crossing, FacePose, px_of};
 use crate::rng::Rng;
-use boxline::points::{SeenPoint, SeenSide};
+use boxline::points::{SeenPoint, SeenProfile, SeenSide};
 use boxline::{LaserId, Px};
 use nalgebra::{Matrix3, Vector3};
 
@@ -39,6 +39,17 @@ const EDGE_SHIFT_PX: f64 = 0.2;
 const BLUR_PX: (f64, f64) = (0.8, 1.3);
 /// Brightness of what lies behind a silhouette, of the face's: median, and scatter of its logarithm.
 const BEHIND: (f64, f64) = (0.67, 0.8);
+/// An edge lies beside its place, mm, 1 sigma: crushed, taped, a flap that stands off.
+const WEAR_MM: f64 = 0.2;
+/// Share of sides whose shading is seen: beside the others are print, shadows or flush boxes (of rendered sides three in four have a
+/// clear profile).
+const PROFILE_SHARE: f64 = 0.75;
+/// A profile goes so far over the box, and so far beyond a silhouette.
+const PROFILE_MM: f64 = 5.0;
+const PROFILE_BEYOND_PX: usize = 5;
+/// Scatter of its samples over the light on the face (texture, averaged along the side), and correlation of neighbours.
+const PROFILE_NOISE: (f64, f64) = (0.002, 0.02);
+const PROFILE_RHO: f64 = 0.5;
 /// Part of a side at its corners without edge points.
 const CORNER_SHARE: f64 = 0.03;
 /// Around a stripe there are no edge points, px.
@@ -138,6 +149,22 @@ fn beside(at: Px, next: Px, across_px: f64) -> Px {
     Px::new(at.u - dv * across_px, at.v + du * across_px)
 }
 
+/// The brightness across a side where the face has so many mm to a px.
+fn see_profile(rng: &mut Rng, picture: &EdgePicture, mm_per_px: f64, crease: bool) -> SeenProfile {
+    let sigma = rng.log_range(PROFILE_NOISE.0, PROFILE_NOISE.1) * picture.light(-PROFILE_MM / mm_per_px);
+    let claimed = sigma * rng.log_range(0.7, 1.4);
+    let mut chain = rng.normal();
+    let inside_px = (PROFILE_MM / mm_per_px + 3.0).clamp(6.0, 30.0).round() as usize;
+    let beyond_px = if crease { inside_px } else { PROFILE_BEYOND_PX };
+    let samples = (0..=inside_px + beyond_px)
+        .map(|i| {
+            chain = PROFILE_RHO * chain + (1.0 - PROFILE_RHO * PROFILE_RHO).sqrt() * rng.normal();
+            (picture.light(i as f64 - inside_px as f64) + sigma * chain, claimed)
+        })
+        .collect();
+    SeenProfile { inside_px, samples }
+}
+
 /// A side, and how far inside the sharp edge it shows, mm. Side 0 is left, 1 right, 2 up, 3 down of the face's middle.
 fn see_side(
     rng: &mut Rng,
@@ -171,8 +198,10 @@ fn see_side(
         blur_px: rng.range(BLUR_PX.0, BLUR_PX.1),
         behind: (BEHIND.1 * rng.normal()).exp() * BEHIND.0,
     };
-    let inside_mm = surface.radius_mm * edge.inside_share(&surface.light);
-    let shown = |along: f64| sharp(along) - out * inside_mm;
+    let picture = edge.picture(&surface.light);
+    let inside_mm = surface.radius_mm * picture.inside_share;
+    let worn_mm = WEAR_MM * rng.normal();
+    let shown = |along: f64| sharp(along) - out * (inside_mm + worn_mm);
     let stripes_px: Vec<Px> = crossings
         .iter()
         .flat_map(|c| c.at)
@@ -195,6 +224,9 @@ fn see_side(
         }
     }
     let mut seen = SeenSide { points, ..SeenSide::default() };
+    if rng.chance(PROFILE_SHARE) {
+        seen.profile = Some(see_profile(rng, &picture, mm_per_px / view_tan.atan().cos(), crease));
+    }
     if crease && rng.chance(BEYOND_SHARE) {
         seen.beyond_sigma_mm = rng.log_range(BEYOND_MM.0, BEYOND_MM.1);
         let off_mm = seen.beyond_sigma_mm * rng.normal();

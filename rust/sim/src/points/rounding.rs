@@ -1,5 +1,6 @@
-//! Where the image shows a rounded edge: the profile of brightness across a quarter cylinder, from rays and Lambert's law, blurred,
-//! and the place of its strongest gradient. Physics alone; core's rule for it (`rectangle/sharp_edge`) is not used here.
+//! What the image shows of a rounded edge: the profile of brightness across a quarter cylinder, from rays and Lambert's law, blurred,
+//! and the place of its strongest gradient. Physics alone; core's rules for it (`rectangle/sharp_edge`, `rectangle/rounding`) are not
+//! used here.
 
 use crate::rng::Rng;
 use nalgebra::Vector3;
@@ -29,6 +30,28 @@ pub(super) struct Edge {
     pub blur_px: f64,
     /// Brightness behind a silhouette over that of the face.
     pub behind: f64,
+}
+
+/// The picture of an edge.
+#[derive(Clone, Debug)]
+pub(super) struct EdgePicture {
+    /// How far inside the sharp edge, on the face's plane and in radii, the strongest gradient appears.
+    pub inside_share: f64,
+    first_px: f64,
+    strongest_px: f64,
+    light: Vec<f64>,
+}
+
+impl EdgePicture {
+    /// Brightness so far beyond the strongest gradient, px in the image.
+    pub fn light(&self, beyond_px: f64) -> f64 {
+        let place = (self.strongest_px + beyond_px - self.first_px) * PER_PX as f64;
+        let last = self.light.len() - 1;
+        let place = place.clamp(0.0, last as f64);
+        let low = (place as usize).min(last - 1);
+        let w = place - low as f64;
+        self.light[low] * (1.0 - w) + self.light[low + 1] * w
+    }
 }
 
 /// Samples a px of the profile, and steps along the rounding.
@@ -72,8 +95,7 @@ impl Light {
 }
 
 impl Edge {
-    /// How far inside the sharp edge, on the face's plane and in radii, the strongest gradient appears.
-    pub fn inside_share(&self, light: &Light) -> f64 {
+    pub fn picture(&self, light: &Light) -> EdgePicture {
         let view = self.view_tan.atan();
         // Across the image: out of the face, and into the box, where the slanted view shows it as well.
         let (by_out, by_depth) = (view.cos(), view.sin());
@@ -112,7 +134,12 @@ impl Edge {
                 best = (gradient, at(i));
             }
         }
-        -best.1 / by_out / self.radius_px
+        EdgePicture {
+            inside_share: -best.1 / by_out / self.radius_px,
+            first_px: first - margin,
+            strongest_px: best.1,
+            light: blurred,
+        }
     }
 }
 
@@ -147,7 +174,7 @@ mod tests {
     fn an_evenly_lit_silhouette_appears_where_the_line_of_sight_touches() {
         for tan in [0.0, -0.3, -0.6] {
             let touching = 1.0 - tan - (1.0f64 + tan * tan).sqrt();
-            let found = edge(tan, 8.0).inside_share(&even());
+            let found = edge(tan, 8.0).picture(&even()).inside_share;
             assert!((found - touching).abs() < 0.03, "{tan}: {found}, {touching} expected");
         }
     }
@@ -156,10 +183,10 @@ mod tests {
     fn a_crease_appears_at_the_end_of_its_rounding_where_brightness_changes_fastest() {
         let from = |lamp: Vector3<f64>| Light { up: Vector3::y(), sky: 0.1, ground: 0.1, lamps: vec![lamp] };
         // A lamp that lights the neighbour only: its light begins where the face ends, with the full slope there.
-        let darker = edge(0.2, 10.0).inside_share(&from(Vector3::x()));
+        let darker = edge(0.2, 10.0).picture(&from(Vector3::x())).inside_share;
         assert!((0.6..1.05).contains(&darker), "{darker}");
         // A lamp behind the camera lights the face: the light ends where the neighbour begins.
-        let brighter = edge(0.2, 10.0).inside_share(&from(-Vector3::z()));
+        let brighter = edge(0.2, 10.0).picture(&from(-Vector3::z())).inside_share;
         assert!((-0.35..0.05).contains(&brighter), "{brighter}");
     }
 
@@ -176,7 +203,7 @@ mod tests {
                     let (radius_px, blur_px) = (rng.log_range(1.5, 15.0), rng.range(0.8, 1.3));
                     let behind = (0.8 * rng.normal() - 0.4).exp();
                     let edge = Edge { normal, out, view_tan, radius_px, blur_px, behind };
-                    edge.inside_share(&light) - expected(view_tan)
+                    edge.picture(&light).inside_share - expected(view_tan)
                 })
                 .collect();
             let mean = all.iter().sum::<f64>() / all.len() as f64;

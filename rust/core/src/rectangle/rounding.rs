@@ -1,0 +1,490 @@
+//! How round the edges of a box are, and where its sharp edges lie, from shading. Across an edge the surface turns from the face to
+//! the neighbouring one; light that changes with the turn draws that arc into the picture, 2 to 20 px wide. The brightness across
+//! each side, averaged along it, is compared with quarter cylinders of all radii at all places; all edges of a box have one
+//! radius, so sides that show it tell it for those that do not.
+
+use super::refine::FittedRectangle;
+use super::sharp_edge::{Correction, Rule, middle, normal, outwards};
+use super::stripe_ends::StripeEnds;
+use crate::calibration::Calibration;
+use crate::edges::{linear_light, tones};
+use crate::face::outline::{SIDES, span_mm};
+use crate::image::Frame;
+use crate::units::Px;
+use nalgebra::{SMatrix, SVector};
+use std::f64::consts::{FRAC_PI_2, PI};
+
+/// Brightness across a side in linear light, one sample a px outwards.
+#[derive(Clone, Debug)]
+pub(crate) struct EdgeProfile {
+    /// The first sample lies so far inside the side's line.
+    pub inside_px: usize,
+    pub light: Vec<f64>,
+    /// Standard deviation of each: what changes along the side.
+    pub sigma: Vec<f64>,
+}
+
+/// How a side is seen.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SideView {
+    /// Tangent of the angle from the face's normal to the line of sight, towards outside: positive where the neighbouring face is in
+    /// view (a crease), else a silhouette.
+    pub tan: f64,
+    /// Across the side, on the face's plane.
+    pub mm_per_px: f64,
+}
+
+/// Profiles go this far to where there is box: the largest rounding, blurred, and some of a flat face ...
+const BOX_MM: f64 = 5.0;
+const BOX_PX: std::ops::RangeInclusive<f64> = 6.0..=30.0;
+/// ... and this far beyond a silhouette.
+const BEHIND_PX: usize = 5;
+/// Radii that are tried, mm: cardboard's 0.5 to 4 (physics.md) and what lies beyond, every scale alike.
+/// Six share cardboard's range, one lies beyond either end.
+const RADII: usize = 8;
+const RADII_MM: (f64, f64) = (0.42, 4.76);
+const CARDBOARD_MM: std::ops::RangeInclusive<f64> = 0.5..=4.0;
+/// How likely a radius just beyond cardboard's is, against one within.
+const UNUSUAL: f64 = 0.15;
+/// Places of the sharp edge that are tried, in sigmas of what the radius alone tells.
+const PLACES: usize = 25;
+const PLACES_SIGMAS: f64 = 3.0;
+/// Blur of lens, motion and demosaicing that is tried, px: median and scatter of its logarithm.
+const BLURS_PX: [f64; 3] = [0.8, 1.3, 2.1];
+const BLUR: (f64, f64) = (1.1, 0.5);
+/// Light on a surface turned by a quarter, and the part of the light that does not change with the turn, over the light on the face (or
+/// on the brighter one of two):
+/// what rooms and yards have (`rust/sim/src/points/rounding.rs`), mean and standard deviation.
+const TURNED: (f64, f64) = (0.7, 0.5);
+const EVEN: (f64, f64) = (0.45, 0.35);
+/// The same for a neighbouring face that is in view: anything.
+const IN_VIEW: (f64, f64) = (0.5, 10.0);
+/// Turns of the arc at which lamps rise, and their light's standard deviation.
+const RISES_RAD: [f64; 3] = [0.125 * PI, 0.25 * PI, 0.375 * PI];
+const LAMP: f64 = 0.3;
+/// What the model leaves out of a profile (lamps that set within the arc, gloss, wear), as a share of the light.
+const MODEL: f64 = 0.01;
+/// Chi-square per degree of freedom from which a profile is not that of a rounded edge: print, a shadow or a neighbour beside it.
+const STRANGE: f64 = 3.0;
+/// What the model leaves out goes together over several px: so many samples tell as much as one (rendered boxes).
+const TOGETHER: f64 = 6.0;
+/// No profile makes a radius less likely than this, of its best.
+const DOUBT: f64 = 1e-3;
+/// How likely the end of a stripe is elsewhere by chance (dark print, a neighbour's surface), against its density where it should be.
+const WRONG_END: f64 = 0.02;
+/// What neither shading nor ends know of: crushed edges, tape, flaps that stand off, mm. With it the 95 % intervals of 95 % of 357 sides of
+/// rendered faces hold the truth.
+pub(crate) const WEAR_MM: f64 = 0.2;
+/// Scatter of a side's line, px.
+const LINE_PX: f64 = 0.3;
+/// Samples of the drawn arc a px.
+const PER_PX: usize = 4;
+/// Blocks of a side whose spread is the noise, and most positions along it.
+const BLOCKS: usize = 8;
+const MOST_POSITIONS: usize = 400;
+/// Part of the side at each corner that is left out, and positions closer than this to a stripe's light, px.
+const CORNER_SHARE: f64 = 0.06;
+/// Full scale is that of [`linear_light`]; brighter than this share of it the sensor saturates.
+const SATURATED: f64 = 0.9 * 255.0;
+
+/// Radius number `i`, mm.
+fn radius_mm(i: usize) -> f64 {
+    let (low, high) = RADII_MM;
+    low * (high / low).powf(i as f64 / (RADII - 1) as f64)
+}
+
+/// How likely a radius is before looking.
+fn prior(i: usize) -> f64 {
+    if CARDBOARD_MM.contains(&radius_mm(i)) { 1.0 } else { UNUSUAL }
+}
+
+/// Place number `j` in sigmas.
+fn place_sigmas(j: usize) -> f64 {
+    PLACES_SIGMAS * (2.0 * j as f64 / (PLACES - 1) as f64 - 1.0)
+}
+
+/// What the radius alone tells of the sharp edge's place outwards from the line: mean and sigma, mm.
+fn expected_mm(rule: &Rule, view: &SideView, radius_mm: f64) -> (f64, f64) {
+    (rule.share * radius_mm, (rule.share_sigma * radius_mm).hypot(LINE_PX * view.mm_per_px))
+}
+
+/// Logarithm of how well a radius (row) and a place (column) explain a side.
+pub(crate) type Table = SMatrix<f64, RADII, PLACES>;
+
+/// How a side of the fit is seen.
+pub(crate) fn view(calibration: &Calibration, fit: &FittedRectangle, side: usize) -> Option<SideView> {
+    let towards = -middle(fit, side).normalize();
+    let facing = -towards.dot(&normal(fit));
+    let (from, to) = span_mm(&fit.offsets_mm, side);
+    let pixel = |beside_mm: f64| {
+        let at = SIDES[side].0.at(fit.offsets_mm[side] + beside_mm, 0.5 * (from + to));
+        fit.raster.pixel(calibration, at)
+    };
+    let px_per_mm = pixel(-0.5)?.distance_px(pixel(0.5)?);
+    (px_per_mm > 1e-3 && facing > 1e-3)
+        .then(|| SideView { tan: towards.dot(&outwards(fit, side)) / facing, mm_per_px: 1.0 / px_per_mm })
+}
+
+/// How far a profile goes inside and beyond the line, px.
+fn reach_px(view: &SideView) -> (usize, usize) {
+    let of_box = (BOX_MM / view.mm_per_px + 3.0).clamp(*BOX_PX.start(), *BOX_PX.end()).round() as usize;
+    (of_box, if view.tan > 0.0 { of_box } else { BEHIND_PX })
+}
+
+/// The brightness across a side, averaged along it; `keep_out` are places with laser light. `None` if too little of it is clear.
+pub(crate) fn profile(
+    frame: &Frame,
+    calibration: &Calibration,
+    fit: &FittedRectangle,
+    side: usize,
+    view: &SideView,
+    keep_out: &[(Px, f64)],
+) -> Option<EdgeProfile> {
+    let (across, high) = SIDES[side];
+    let (from, to) = span_mm(&fit.offsets_mm, side);
+    let (inside_px, outside_px) = reach_px(view);
+    let samples = inside_px + outside_px + 1;
+    let beside = |px: f64| fit.offsets_mm[side] + px * view.mm_per_px * if high { 1.0 } else { -1.0 };
+    let pixel = |px: f64, along: f64| fit.raster.pixel(calibration, across.at(beside(px), along));
+    let length_px = pixel(0.0, from)?.distance_px(pixel(0.0, to)?);
+    let positions = ((length_px / 2.0) as usize).min(MOST_POSITIONS);
+    let linear = linear_light();
+    let mut blocks = [(); BLOCKS].map(|()| (vec![0.0; samples], 0.0));
+    for i in 0..positions {
+        let t = (i as f64 + 0.5) / positions as f64;
+        let along = from + (to - from) * (CORNER_SHARE + (1.0 - 2.0 * CORNER_SHARE) * t);
+        let (Some(p), Some(q)) = (pixel(-(inside_px as f64), along), pixel(outside_px as f64, along)) else {
+            continue;
+        };
+        let reach = 0.5 * p.distance_px(q);
+        let mid = Px::new(0.5 * (p.u + q.u), 0.5 * (p.v + q.v));
+        if keep_out.iter().any(|(c, r)| c.distance_px(mid) < r + reach) {
+            continue;
+        }
+        let step = 1.0 / (samples - 1) as f64;
+        let row: Option<Vec<f64>> = (0..samples)
+            .map(|k| {
+                let w = k as f64 * step;
+                let (u, v) = (p.u + (q.u - p.u) * w, p.v + (q.v - p.v) * w);
+                tones(frame, &linear, u, v).map(|(_, light)| f64::from(light[0]))
+            })
+            .collect();
+        let (sum, count) = &mut blocks[i * BLOCKS / positions];
+        if let Some(row) = row {
+            sum.iter_mut().zip(row).for_each(|(s, value)| *s += value);
+            *count += 1.0;
+        }
+    }
+    let used: Vec<Vec<f64>> = blocks
+        .into_iter()
+        .filter(|(_, count)| *count > 0.0)
+        .map(|(sum, count)| sum.into_iter().map(|s| s / count).collect())
+        .collect();
+    if used.len() <= BLOCKS / 2 {
+        return None;
+    }
+    let mut profile =
+        EdgeProfile { inside_px, light: Vec::with_capacity(samples), sigma: Vec::with_capacity(samples) };
+    for k in 0..samples {
+        let mut values: Vec<f64> = used.iter().map(|block| block[k]).collect();
+        values.sort_by(f64::total_cmp);
+        // The middle half: print and shadows that only part of the side has do not count.
+        let quarter = values.len() / 4;
+        let inner = &values[quarter..values.len() - quarter];
+        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (values.len() - 1) as f64;
+        profile.light.push(inner.iter().sum::<f64>() / inner.len() as f64);
+        profile.sigma.push((variance / values.len() as f64).sqrt());
+    }
+    profile.light.iter().all(|l| *l < SATURATED).then_some(profile)
+}
+
+/// Unknowns of a profile that are linear: light on the face, on a surface turned by a quarter, even light, what is behind, and lamps
+/// that rise over the arc where it has turned by each of [`RISES_RAD`] (one that sets is one that rises and a difference of the first
+/// three).
+const LIGHTS: usize = 4 + RISES_RAD.len();
+type Lights = SVector<f64, LIGHTS>;
+
+/// The arc of one radius under each of the lights, blurred; `PER_PX` samples a px from `first_px` on, 0 at the sharp edge.
+struct Arc {
+    first_px: f64,
+    lights: Vec<Lights>,
+}
+
+impl Arc {
+    fn new(view: &SideView, radius_mm: f64, blur_px: f64) -> Self {
+        let (radius_px, t) = (radius_mm / view.mm_per_px, view.tan);
+        let crease = t > 0.0;
+        // A silhouette ends where the line of sight touches it.
+        let end = if crease { FRAC_PI_2 } else { f64::atan2(1.0, -t) };
+        let place = |turn: f64| radius_px * ((turn.sin() - 1.0) + (1.0 - turn.cos()) * t);
+        let (first, last) = (place(0.0), place(end));
+        let margin = 4.0 * blur_px + 1.0;
+        let first_px = first - margin;
+        let samples = ((last - first + 2.0 * margin) * PER_PX as f64).ceil() as usize + 1;
+        // place(turn) / radius = sin turn - t cos turn + t - 1 is a sine itself: its inverse needs no search.
+        let (length, phase) = (1.0f64.hypot(t), t.atan());
+        let turn_at = |px: f64| ((px / radius_px + 1.0 - t) / length).clamp(-1.0, 1.0).asin() + phase;
+        let behind = Lights::from_fn(|i, _| f64::from(u8::from(i == 3)));
+        let lit = |turn: f64| {
+            let (s, c) = turn.sin_cos();
+            let rises = RISES_RAD.map(|rise| (turn - rise).sin().max(0.0));
+            Lights::from_fn(|i, _| [c, s, 1.0 - c - s, 0.0, rises[0], rises[1], rises[2]][i])
+        };
+        let sharp: Vec<Lights> = (0..samples)
+            .map(|i| {
+                let px = first_px + i as f64 / PER_PX as f64;
+                if px <= first {
+                    lit(0.0)
+                } else if px < last {
+                    lit(turn_at(px).clamp(0.0, end))
+                } else if crease {
+                    lit(FRAC_PI_2)
+                } else {
+                    behind
+                }
+            })
+            .collect();
+        Self { first_px, lights: blurred(&sharp, blur_px * PER_PX as f64) }
+    }
+
+    fn at(&self, px: f64) -> Lights {
+        let last = self.lights.len() - 1;
+        let place = ((px - self.first_px) * PER_PX as f64).clamp(0.0, last as f64);
+        let low = (place as usize).min(last - 1);
+        let w = place - low as f64;
+        self.lights[low] * (1.0 - w) + self.lights[low + 1] * w
+    }
+}
+
+/// A Gaussian blur; what lies beyond the ends goes on as it is there.
+fn blurred(values: &[Lights], sigma: f64) -> Vec<Lights> {
+    let reach = (3.0 * sigma).ceil() as isize;
+    let kernel: Vec<f64> = (-reach..=reach).map(|k| (-0.5 * (k as f64 / sigma).powi(2)).exp()).collect();
+    let sum: f64 = kernel.iter().sum();
+    let last = values.len() as isize - 1;
+    let part = |i: isize| {
+        (-reach..).zip(&kernel).map(|(k, w)| values[(i + k).clamp(0, last) as usize] * (w / sum)).sum()
+    };
+    (0..=last).map(part).collect()
+}
+
+/// How well each radius and place explain a profile; `None` if none does.
+pub(crate) fn explain(profile: &EdgeProfile, rule: &Rule, view: &SideView) -> Option<Table> {
+    let samples = profile.light.len();
+    if profile.sigma.len() != samples || samples < profile.inside_px + BEHIND_PX || samples <= LIGHTS + 3 {
+        return None;
+    }
+    let mean = profile.light.iter().sum::<f64>() / samples as f64;
+    let face = profile.light.iter().take(4).sum::<f64>() / 4.0;
+    if !(mean > 0.0 && face > 0.0) {
+        return None;
+    }
+    let weights: Vec<f64> = profile.sigma.iter().map(|s| (s * s + (MODEL * mean).powi(2)).recip()).collect();
+    // What is known of light beforehand counts as two observations.
+    // A neighbouring face that is in view tells its light itself.
+    let beyond = profile.light.iter().rev().take(4).sum::<f64>() / 4.0;
+    let (usual, turned) = if view.tan > 0.0 { (face.max(beyond), IN_VIEW) } else { (face, TURNED) };
+    let lamp = (0.0, LAMP);
+    let known = [(1, turned), (2, EVEN), (4, lamp), (5, lamp), (6, lamp)]
+        .map(|(i, (mean, sigma))| (i, mean * usual, (sigma * usual).powi(-2)));
+    let mut chi2 = Table::repeat(f64::INFINITY);
+    for (i, mut row) in chi2.row_iter_mut().enumerate() {
+        let radius_mm = radius_mm(i);
+        let (mean_mm, sigma_mm) = expected_mm(rule, view, radius_mm);
+        for blur_px in BLURS_PX {
+            let arc = Arc::new(view, radius_mm, blur_px);
+            let unusual = ((blur_px / BLUR.0).ln() / BLUR.1).powi(2);
+            for (j, best) in row.iter_mut().enumerate() {
+                let sharp_px = (mean_mm + place_sigmas(j) * sigma_mm) / view.mm_per_px;
+                let mut information = SMatrix::<f64, LIGHTS, LIGHTS>::identity() * 1e-12;
+                let mut right = Lights::zeros();
+                let mut total = 0.0;
+                for (k, (value, weight)) in profile.light.iter().zip(&weights).enumerate() {
+                    let lights = arc.at(k as f64 - profile.inside_px as f64 - sharp_px);
+                    information += lights * lights.transpose() * *weight;
+                    right += lights * (weight * value);
+                    total += weight * value * value;
+                }
+                for (light, value, weight) in known {
+                    information[(light, light)] += weight;
+                    right[light] += weight * value;
+                    total += weight * value * value;
+                }
+                let Some(cholesky) = information.cholesky() else { continue };
+                let chi2 = (total - right.dot(&cholesky.solve(&right))).max(0.0) + unusual;
+                *best = best.min(chi2);
+            }
+        }
+    }
+    let least = chi2.min();
+    let freedom = samples as f64 - 6.0;
+    let scale = (least / freedom).max(1.0);
+    (scale < STRANGE).then(|| chi2.map(|c| -0.5 * (c - least) / (scale * TOGETHER)))
+}
+
+/// What the stripes' ends tell of the sharp edge, if they are right: none is certain.
+pub(crate) fn explain_ends(ends: &StripeEnds, rule: &Rule, view: &SideView) -> Table {
+    Table::from_fn(|i, j| {
+        let radius_mm = radius_mm(i);
+        let (mean_mm, sigma_mm) = expected_mm(rule, view, radius_mm);
+        let end_mm = mean_mm + place_sigmas(j) * sigma_mm - touching_share(view) * radius_mm;
+        let off = (end_mm - ends.outwards_mm) / ends.sigma_mm;
+        ((-0.5 * off * off).exp() + WRONG_END).ln()
+    })
+}
+
+/// How far inside the sharp edge of a silhouette the line of sight touches it, on the face's plane and in radii.
+pub(crate) fn touching_share(view: &SideView) -> f64 {
+    if view.tan < 0.0 { 1.0 - view.tan - 1.0f64.hypot(view.tan) } else { 0.0 }
+}
+
+/// The corrections of four sides that share one radius; `None` in `tables` for a side that tells nothing.
+pub(crate) fn corrections(
+    rules: &[Rule; 4],
+    views: &[SideView; 4],
+    tables: &[Option<Table>; 4],
+) -> [Correction; 4] {
+    // With what the radius alone tells of the place.
+    let places = SVector::<f64, PLACES>::from_fn(|j, _| -0.5 * place_sigmas(j).powi(2)).transpose();
+    let tables = [0, 1, 2, 3].map(|side| {
+        let mut table = tables[side].unwrap_or_else(Table::zeros);
+        table.row_iter_mut().for_each(|mut row| row += places);
+        table.map(f64::exp)
+    });
+    // How likely each radius makes what a side shows; none is ruled out by one side.
+    let by_side = tables.map(|table| {
+        let likely = table.column_sum();
+        likely.map(|l| l + DOUBT * likely.max())
+    });
+    let radii =
+        SVector::<f64, RADII>::from_fn(|i, _| prior(i) * by_side.iter().map(|l| l[i]).product::<f64>());
+    let radii = radii / radii.sum();
+    [0, 1, 2, 3].map(|side| {
+        let (mut mean, mut square, mut of_means) = (0.0, 0.0, 0.0);
+        for i in 0..RADII {
+            let (mean_mm, sigma_mm) = expected_mm(&rules[side], &views[side], radius_mm(i));
+            let row = tables[side].row(i);
+            let sum = row.sum();
+            let moment = |power: i32| {
+                let at = |(j, w): (usize, &f64)| w * (mean_mm + place_sigmas(j) * sigma_mm).powi(power);
+                row.iter().enumerate().map(at).sum::<f64>() / sum
+            };
+            let here = moment(1);
+            mean += radii[i] * here;
+            square += radii[i] * moment(2);
+            of_means += radii[i] * here * here;
+        }
+        Correction {
+            outwards_mm: mean,
+            sigma_mm: (square - mean * mean).max(0.0).sqrt().hypot(WEAR_MM),
+            by_radius_mm: (of_means - mean * mean).max(0.0).sqrt(),
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const MM_PER_PX: f64 = 0.25;
+
+    /// The brightness across a quarter cylinder, drawn point by point: thousands of places on the arc fall into the samples' blur.
+    /// The line lies `line_mm` inside the sharp edge.
+    fn drawn(view: &SideView, radius_mm: f64, lamp_rad: f64, line_mm: f64) -> EdgeProfile {
+        let light = |turn: f64| 0.3 + (turn - lamp_rad).cos().max(0.0);
+        let mut places: Vec<(f64, f64)> = Vec::new();
+        for i in 0..40_000 {
+            let mm = -12.0 + i as f64 * 6e-4; // across, 0 at the sharp edge
+            // The first surface that the line of sight through this place of the face's plane meets.
+            let turn = (0..=900).map(|k| k as f64 / 900.0 * FRAC_PI_2).rev().find(|turn| {
+                let place = radius_mm * (turn.sin() - 1.0 + (1.0 - turn.cos()) * view.tan);
+                let facing = turn.cos() + view.tan * turn.sin() > 0.0;
+                facing && place <= mm
+            });
+            let first = -radius_mm;
+            let last = if view.tan > 0.0 { radius_mm * view.tan } else { -touching_share(view) * radius_mm };
+            let value = if mm <= first {
+                light(0.0)
+            } else if mm < last {
+                light(turn.unwrap_or(0.0))
+            } else if view.tan > 0.0 {
+                light(FRAC_PI_2)
+            } else {
+                0.15
+            };
+            places.push((mm, value));
+        }
+        let (inside_px, outside_px) = reach_px(view);
+        let light = (0..=inside_px + outside_px)
+            .map(|k| {
+                let mm = (k as f64 - inside_px as f64) * view.mm_per_px - line_mm;
+                let weighted = places.iter().map(|(at, value)| {
+                    let weight = (-0.5 * ((at - mm) / view.mm_per_px).powi(2)).exp();
+                    (weight, weight * value)
+                });
+                let (weights, sum) = weighted.fold((0.0, 0.0), |(w, s), (a, b)| (w + a, s + b));
+                100.0 * sum / weights
+            })
+            .collect::<Vec<f64>>();
+        EdgeProfile { inside_px, sigma: vec![0.5; light.len()], light }
+    }
+
+    /// Not so where a lamp sets half way round a wide arc (lamp -0.6, tangent 0.3): what follows is as flat as the neighbouring face, and
+    /// the sharp edge is found 1 mm inside, three sigmas.
+    #[test]
+    fn shading_tells_radius_and_sharp_edge() {
+        for radius_mm in [0.7, 1.5, 3.5] {
+            for (tan, lamp_rad) in [(-0.4, -0.5), (-0.2, 2.2), (0.3, 2.0), (0.3, 0.3)] {
+                let view = SideView { tan, mm_per_px: MM_PER_PX };
+                let rule = Rule::new(&view);
+                let line_mm = rule.share * radius_mm;
+                let table = explain(&drawn(&view, radius_mm, lamp_rad, line_mm), &rule, &view);
+                assert!(table.is_some(), "radius {radius_mm}, tan {tan}, lamp {lamp_rad}");
+                let known = corrections(&[rule; 4], &[view; 4], &[table; 4])[0];
+                let unknown = corrections(&[rule; 4], &[view; 4], &[None; 4])[0];
+                let off = (known.outwards_mm - line_mm).abs();
+                assert!(
+                    off < 0.4 && off < 2.5 * known.sigma_mm,
+                    "{radius_mm} {tan} {lamp_rad}: {known:?}, {line_mm} is true"
+                );
+                assert!(known.sigma_mm < 0.75 * unknown.sigma_mm, "{known:?} {unknown:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn without_shading_cardboard_tells() {
+        let view = SideView { tan: 0.0, mm_per_px: 1.0 };
+        let rule = Rule { share: 0.5, share_sigma: 0.3 };
+        let found = corrections(&[rule; 4], &[view; 4], &[None; 4])[0];
+        // Radius 1.68 +- 0.98 mm: every scale from 0.5 to 4 alike; and a little beyond.
+        assert!(
+            (found.outwards_mm - 0.85).abs() < 0.1 && (found.by_radius_mm - 0.5).abs() < 0.15,
+            "{found:?}"
+        );
+    }
+
+    #[test]
+    fn print_beside_an_edge_is_no_rounding() {
+        let view = SideView { tan: -0.3, mm_per_px: MM_PER_PX };
+        let rule = Rule::new(&view);
+        let mut profile = drawn(&view, 1.0, -0.5, 0.3);
+        profile.light.iter_mut().skip(4).take(3).for_each(|l| *l *= 0.4);
+        assert!(explain(&profile, &rule, &view).is_none());
+    }
+
+    proptest! {
+        #[test]
+        fn no_profile_panics(light in prop::collection::vec(-1e3..1e3f64, 0..70), inside_px in 0usize..80, tan in -3.0..3.0f64,
+            mm_per_px in 0.01..5.0f64) {
+            let view = SideView { tan, mm_per_px };
+            let rule = Rule::new(&view);
+            let table = explain(&EdgeProfile { inside_px, sigma: vec![1.0; light.len()], light }, &rule, &view);
+            for c in corrections(&[rule; 4], &[view; 4], &[table, None, table, None]) {
+                prop_assert!(c.outwards_mm.is_finite() && c.sigma_mm.is_finite() && c.by_radius_mm <= c.sigma_mm);
+            }
+        }
+    }
+}

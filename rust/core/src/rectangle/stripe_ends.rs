@@ -1,0 +1,170 @@
+//! Where the four stripes leave the face at its sides: eight places (the paper's D1 to D8) that owe nothing to edges in the picture.
+//! Behind the sharp edge the light falls on another surface and therefore elsewhere in the picture, so along the line that the
+//! face's plane predicts a stripe ends in a step. Two such steps a side tell an edge from print beside it, and near the head they
+//! place it better than shading does.
+
+use super::key_points::crossing_on;
+use super::refine::FittedRectangle;
+use crate::calibration::Calibration;
+use crate::edges::redness;
+use crate::face::outline::SIDES;
+use crate::image::Frame;
+use crate::units::LaserId;
+
+/// Where the stripes of a side end, outwards from the fitted line; that is where the line of sight touches the box.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct StripeEnds {
+    pub outwards_mm: f64,
+    pub sigma_mm: f64,
+    /// Both stripes show it, at the same place.
+    pub agree: bool,
+    pub mm_per_px: f64,
+}
+
+/// The stripe is looked at from so far inside the line to so far beyond it, px along it.
+const INSIDE_PX: i32 = 60;
+const BEYOND_PX: i32 = 40;
+/// A stripe that runs on so far beyond the line must do so straight: within so many px of where it was inside.
+const RUNS_ON_PX: f64 = 4.0;
+const BENT_PX: f64 = 0.7;
+/// Fewest samples on either side of the step.
+const LEAST_INSIDE: usize = 20;
+const LEAST_BEYOND: usize = 6;
+/// Half width of a stripe's bright middle and where its surroundings begin, in half widths of its foot; bounds in px.
+const MIDDLE: (f64, f64, f64) = (0.3, 1.0, 3.0);
+const BESIDE: (f64, f64, f64) = (0.9, 4.0, 12.0);
+/// Surroundings are so wide, px.
+const BESIDE_PX: usize = 5;
+/// A step counts that is this many times the scatter of single samples and leaves less than this share of the light: of ends of
+/// rendered stripes 7 in 10 do, and where two of a side do and agree, 1 in 50 of these pairs is more than 6 px off.
+const LEAST_STEP: f64 = 2.0;
+const MOST_LEFT: f64 = 0.35;
+/// Smallest scatter of a sample that is believed, grey levels.
+const LEAST_NOISE: f64 = 0.5;
+/// Blur carries a step so far beyond the end, px, and it scatters by so much: a single one, the mean of two that agree (rendered
+/// stripes).
+const BLUR_PX: f64 = 0.6;
+const ONE_PX: f64 = 2.0;
+const TWO_PX: f64 = 1.2;
+/// How far two ends of a side that agree may differ, px.
+const AGREE_PX: f64 = 5.0;
+
+/// What the two stripes across a side tell; `None` if neither ends there clearly.
+pub(crate) fn find(
+    frame: &Frame,
+    calibration: &Calibration,
+    fit: &FittedRectangle,
+    side: usize,
+    half_width_px: f64,
+) -> Option<StripeEnds> {
+    let ends: Vec<(f64, f64)> = SIDES[side]
+        .0
+        .stripes()
+        .into_iter()
+        .filter_map(|id| end_px(frame, calibration, fit, side, id, half_width_px))
+        .collect();
+    let mm_per_px = ends.iter().map(|e| e.1).sum::<f64>() / ends.len() as f64;
+    let (px, sigma_px, agree) = match ends[..] {
+        [(px, _)] => (px, ONE_PX, false),
+        [(p, _), (q, _)] if (p - q).abs() < AGREE_PX => (0.5 * (p + q), TWO_PX, true),
+        _ => return None,
+    };
+    Some(StripeEnds {
+        outwards_mm: (px - BLUR_PX) * mm_per_px,
+        sigma_mm: sigma_px * mm_per_px,
+        agree,
+        mm_per_px,
+    })
+}
+
+/// The end of one stripe, px outwards from the line along the stripe, and mm across the side for each of these px.
+fn end_px(
+    frame: &Frame,
+    calibration: &Calibration,
+    fit: &FittedRectangle,
+    side: usize,
+    id: LaserId,
+    half_width_px: f64,
+) -> Option<(f64, f64)> {
+    let (across, high) = SIDES[side];
+    let sign = if high { 1.0 } else { -1.0 };
+    let at = |beyond_mm: f64| {
+        let offset = fit.offsets_mm[side] + sign * beyond_mm;
+        let along = crossing_on(calibration, &fit.raster, across, offset, id)?;
+        fit.raster.pixel(calibration, across.at(offset, along))
+    };
+    let mm_per_px = at(-0.5)?.distance_px(at(0.5)?).recip();
+    let bound = |(share, low, high): (f64, f64, f64)| (share * half_width_px).clamp(low, high);
+    let (middle, beside) = (bound(MIDDLE).round() as usize, bound(BESIDE).ceil() as usize);
+    let reach = (beside + BESIDE_PX) as i32;
+    let mut rows = Vec::with_capacity((INSIDE_PX + BEYOND_PX + 1) as usize);
+    for px in -INSIDE_PX..=BEYOND_PX {
+        let (p, q) = (at((f64::from(px) - 0.5) * mm_per_px)?, at((f64::from(px) + 0.5) * mm_per_px)?);
+        let length = p.distance_px(q).max(1e-9);
+        let (du, dv) = ((p.v - q.v) / length, (q.u - p.u) / length);
+        let (u, v) = (0.5 * (p.u + q.u), 0.5 * (p.v + q.v));
+        let redness = |k: i32| redness(frame, u + du * f64::from(k), v + dv * f64::from(k)).map(f64::from);
+        rows.push((-reach..=reach).map(redness).collect::<Option<Vec<f64>>>()?);
+    }
+    let centre = reach as usize;
+    let mean = |row: &[f64]| row.iter().sum::<f64>() / row.len() as f64;
+    // The darker side: a label or another stripe lies on one only.
+    let ground = |row: &[f64]| mean(&row[..BESIDE_PX]).min(mean(&row[row.len() - BESIDE_PX..]));
+    let light: Vec<f64> =
+        rows.iter().map(|row| mean(&row[centre - middle..=centre + middle]) - ground(row)).collect();
+    let (at, inside, beyond, noise) = step(&light)?;
+    let clear = inside - beyond > LEAST_STEP * noise.max(LEAST_NOISE) && beyond < MOST_LEFT * inside;
+    let end_px = at - f64::from(INSIDE_PX);
+    if clear && end_px > RUNS_ON_PX {
+        // On the face's own plane it goes straight on; on the floor or a neighbouring face it bends away.
+        let place = |rows: &[Vec<f64>]| {
+            let weights = (centre - beside..=centre + beside).map(|k| {
+                (k as f64 - centre as f64, rows.iter().map(|row| row[k] - ground(row)).sum::<f64>().max(0.0))
+            });
+            let (sum, moment) = weights.fold((0.0, 0.0), |(s, m), (k, w)| (s + w, m + w * k));
+            moment / sum.max(1e-9)
+        };
+        let line = INSIDE_PX as usize;
+        let end = at as usize;
+        let from = line + (end - line) / 3;
+        if (place(&rows[from..end]) - place(&rows[..line])).abs() > BENT_PX {
+            return None;
+        }
+    }
+    clear.then_some((end_px, mm_per_px))
+}
+
+/// The best step in a row of samples: its place (between samples), the levels on both sides, the scatter about them.
+fn step(light: &[f64]) -> Option<(f64, f64, f64, f64)> {
+    let total: f64 = light.iter().sum();
+    let squares: f64 = light.iter().map(|l| l * l).sum();
+    let mut sum: f64 = light.iter().take(LEAST_INSIDE).sum();
+    let mut best: Option<(f64, f64, f64, f64)> = None;
+    for i in LEAST_INSIDE..light.len().saturating_sub(LEAST_BEYOND) {
+        let (n, m) = (i as f64, (light.len() - i) as f64);
+        let rest = squares - sum * sum / n - (total - sum).powi(2) / m;
+        if best.is_none_or(|(least, ..)| rest < least) {
+            best = Some((rest, i as f64 - 0.5, sum / n, (total - sum) / m));
+        }
+        sum += light[i];
+    }
+    let (rest, at, inside, beyond) = best?;
+    Some((at, inside, beyond, (rest / light.len() as f64).max(0.0).sqrt()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_step_is_found_between_its_samples() {
+        let light: Vec<f64> = (0..60).map(|i| if i < 42 { 10.0 } else { 1.0 } + f64::from(i % 2)).collect();
+        let (at, inside, beyond, noise) = step(&light).expect("long enough");
+        assert!(
+            (at - 41.5).abs() < 1e-9 && (inside - 10.5).abs() < 0.1 && (beyond - 1.5).abs() < 0.1,
+            "{at}"
+        );
+        assert!((noise - 0.5).abs() < 0.05, "{noise}");
+        assert!(step(&[1.0; 20]).is_none());
+    }
+}
