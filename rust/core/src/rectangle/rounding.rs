@@ -68,8 +68,8 @@ const MODEL: f64 = 0.01;
 const STRANGE: f64 = 3.0;
 /// What the model leaves out goes together over several px: so many samples tell as much as one (rendered boxes).
 const TOGETHER: f64 = 6.0;
-/// No profile makes a radius less likely than this, of its best.
-const DOUBT: f64 = 1e-3;
+/// No side makes a radius less likely than this, of its best: one in thirty shows something else.
+const DOUBT: f64 = 0.03;
 /// How likely the end of a stripe is elsewhere by chance (dark print, a neighbour's surface), against its density where it should be.
 const WRONG_END: f64 = 0.02;
 /// What neither shading nor ends know of: crushed edges, tape, flaps that stand off, mm. With it the 95 % intervals of 95 % of 357 sides of
