@@ -460,8 +460,9 @@ fn choose(
     combinations.sort_by_key(|c| c.iter().sum::<usize>());
     let mut best: Option<(f64, [usize; 4], RoughRectangle)> = None;
     for combination in combinations {
-        let Some(Verdict { score, clear, rough }) = judge.verdict(combination) else { continue };
-        if best.as_ref().is_none_or(|(b, _, _)| score > *b) {
+        let beaten = best.as_ref().map_or(f64::NEG_INFINITY, |(score, _, _)| *score);
+        let Some(Verdict { score, clear, rough }) = judge.verdict(combination, beaten) else { continue };
+        if score > beaten {
             let certain = combination == [0; 4] && rough.at_ends == [true; 4] && clear;
             best = Some((score, combination, rough));
             if certain {
@@ -478,7 +479,7 @@ fn choose(
                 let mut combination = chosen;
                 combination[side] = index;
                 if combination != chosen {
-                    others.extend(judge.verdict(combination));
+                    others.extend(judge.verdict(combination, f64::NEG_INFINITY));
                 }
             }
         }
@@ -517,8 +518,8 @@ struct Judge<'a> {
 }
 
 impl Judge<'_> {
-    /// `None` if a corner is outside the image or a side is not seen.
-    fn verdict(&mut self, combination: [usize; 4]) -> Option<Verdict> {
+    /// `None` if a corner is outside the image, a side is not seen, or the score cannot be more than `beaten`.
+    fn verdict(&mut self, combination: [usize; 4], beaten: f64) -> Option<Verdict> {
         let (frame, calibration, raster, mm_per_px) =
             (self.frame, self.calibration, self.raster, self.mm_per_px);
         let right = frame.width_px() as f64 - 0.5;
@@ -531,24 +532,36 @@ impl Judge<'_> {
         if !corners.iter().all(|c| c.is_some_and(inside)) {
             return None;
         }
-        let known = &mut self.known;
-        let support = [0, 1, 2, 3].map(|s| {
+        let by_ends = self.by_ends;
+        let score = |support: [f32; 4]| {
+            if by_ends {
+                // Where the stripes end and an edge is seen, that edge is the face's: other lines count only elsewhere.
+                let seen = support.iter().zip(&chosen);
+                let settled = seen.clone().filter(|(s, c)| c.at_end && **s >= CLEAR_SUPPORT).count();
+                SETTLED_WORTH * settled as f64 + seen.map(|(s, c)| f64::from(s + c.nearness)).sum::<f64>()
+            } else {
+                chosen.iter().map(|c| f64::from(c.nearness.max(1e-6)).ln()).sum()
+            }
+        };
+        // Scanning the sides is what takes time.
+        if score([1.0; 4]) <= beaten {
+            return None;
+        }
+        let mut support = [0.0; 4];
+        for (s, seen) in support.iter_mut().enumerate() {
             // A side's support depends on its own place and on the two sides that end it.
             let [first, last] = if s < 2 { [2, 3] } else { [0, 1] };
             let key = (s, combination[s], combination[first], combination[last]);
-            *known
+            *seen = *self
+                .known
                 .entry(key)
-                .or_insert_with(|| support_of(frame, calibration, raster, &offsets_mm, s, mm_per_px))
-        });
-        if support.iter().zip(&chosen).any(|(s, side)| *s < side.needed) {
-            return None;
+                .or_insert_with(|| support_of(frame, calibration, raster, &offsets_mm, s, mm_per_px));
+            if *seen < chosen[s].needed {
+                return None;
+            }
         }
-        // Where the stripes end and an edge is seen, that edge is the face's: other lines count only elsewhere.
-        let settled = support.iter().zip(&chosen).filter(|(s, c)| c.at_end && **s >= CLEAR_SUPPORT).count();
-        let sum: f64 = support.iter().zip(&chosen).map(|(s, c)| f64::from(s + c.nearness)).sum();
-        let likelihood: f64 = chosen.iter().map(|c| f64::from(c.nearness.max(1e-6)).ln()).sum();
         Some(Verdict {
-            score: if self.by_ends { SETTLED_WORTH * settled as f64 + sum } else { likelihood },
+            score: score(support),
             clear: support.iter().all(|s| *s >= CLEAR_SUPPORT),
             rough: RoughRectangle {
                 raster: *raster,
