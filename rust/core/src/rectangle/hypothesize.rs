@@ -3,6 +3,7 @@
 
 use super::corners_outside;
 use super::key_points::crossing_on;
+use super::stripe_ends;
 use crate::calibration::Calibration;
 use crate::edges::side_scan::{EdgeCandidate, ScanRange, SideScan};
 use crate::face::extent::{FaceStripes, Limits, StripeEnd, crossing_lasers, crossing_px};
@@ -144,10 +145,14 @@ pub(crate) fn snap_to_image(
             pair.iter().zip(outwards).all(|(e, o)| e.runs_on || o > RUNS_BEYOND * LIMIT_BEYOND_PX * px);
         let needed = if flush[side] { SUPPORT_FLUSH } else { LEAST_BESIDE_MAP };
         let (support, beyond) = (outline.support[side], outline.face_beyond(calibration, maps, side));
+        let both_end = || {
+            let found = stripe_ends::find(frame, calibration, &raster, offset, side, face.half_width_px);
+            ends_here.len() == 2 || found.is_some_and(|e| e.agree && e.outwards_mm.abs() < 3.0 * sigma)
+        };
         let needed_support = match (flush[side], ends_here.len()) {
             (true, _) => MAP_SUPPORT_FLUSH,
+            _ if both_end() => 0.0,
             (false, 0) => MAP_SUPPORT_WITHOUT_ENDS,
-            (false, 2) => 0.0,
             _ => least_support,
         };
         if support < needed_support || beyond > MAP_FACE_BEYOND {

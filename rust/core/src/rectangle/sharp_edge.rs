@@ -97,7 +97,14 @@ pub(crate) fn sharpen(
     let mut misplaced_mm = None;
     let mut contradicted = [None; 4];
     for side in 0..4 {
-        let Some(ends) = stripe_ends::find(frame, calibration, fit, side, face.half_width_px) else {
+        let Some(ends) = stripe_ends::find(
+            frame,
+            calibration,
+            &fit.raster,
+            fit.offsets_mm[side],
+            side,
+            face.half_width_px,
+        ) else {
             continue;
         };
         let off_mm = off_mm(&ends, &by_shading[side], &views[side]);

@@ -4,14 +4,14 @@
 //! place it better than shading does.
 
 use super::key_points::crossing_on;
-use super::refine::FittedRectangle;
 use crate::calibration::Calibration;
 use crate::edges::redness;
 use crate::face::outline::SIDES;
+use crate::face::raster::PlaneRaster;
 use crate::image::Frame;
 use crate::units::LaserId;
 
-/// Where the stripes of a side end, outwards from the fitted line; that is where the line of sight touches the box.
+/// Where the stripes of a side end, outwards from the line; that is where the line of sight touches the box.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct StripeEnds {
     pub outwards_mm: f64,
@@ -21,8 +21,8 @@ pub(crate) struct StripeEnds {
     pub mm_per_px: f64,
 }
 
-/// The stripe is looked at from so far inside the line to so far beyond it, px along it.
-const INSIDE_PX: i32 = 60;
+/// The stripe is looked at from so far inside the side's line to so far beyond it, px along it.
+const LINE: usize = 60;
 const BEYOND_PX: i32 = 40;
 /// A stripe that runs on so far beyond the line must do so straight: within so many px of where it was inside.
 const RUNS_ON_PX: f64 = 4.0;
@@ -49,11 +49,12 @@ const TWO_PX: f64 = 1.2;
 /// How far two ends of a side that agree may differ, px.
 const AGREE_PX: f64 = 5.0;
 
-/// What the two stripes across a side tell; `None` if neither ends there clearly.
+/// What the two stripes across a side's line tell; `None` if neither ends there clearly.
 pub(crate) fn find(
     frame: &Frame,
     calibration: &Calibration,
-    fit: &FittedRectangle,
+    raster: &PlaneRaster,
+    offset_mm: f64,
     side: usize,
     half_width_px: f64,
 ) -> Option<StripeEnds> {
@@ -61,7 +62,7 @@ pub(crate) fn find(
         .0
         .stripes()
         .into_iter()
-        .filter_map(|id| end_px(frame, calibration, fit, side, id, half_width_px))
+        .filter_map(|id| end_px(&Walk::new(frame, calibration, raster, offset_mm, side, id, half_width_px)?))
         .collect();
     let mm_per_px = ends.iter().map(|e| e.1).sum::<f64>() / ends.len() as f64;
     let (px, sigma_px, agree) = match ends[..] {
@@ -78,60 +79,94 @@ pub(crate) fn find(
 }
 
 /// The end of one stripe, px outwards from the line along the stripe, and mm across the side for each of these px.
-fn end_px(
-    frame: &Frame,
-    calibration: &Calibration,
-    fit: &FittedRectangle,
-    side: usize,
-    id: LaserId,
-    half_width_px: f64,
-) -> Option<(f64, f64)> {
-    let (across, high) = SIDES[side];
-    let sign = if high { 1.0 } else { -1.0 };
-    let at = |beyond_mm: f64| {
-        let offset = fit.offsets_mm[side] + sign * beyond_mm;
-        let along = crossing_on(calibration, &fit.raster, across, offset, id)?;
-        fit.raster.pixel(calibration, across.at(offset, along))
-    };
-    let mm_per_px = at(-0.5)?.distance_px(at(0.5)?).recip();
-    let bound = |(share, low, high): (f64, f64, f64)| (share * half_width_px).clamp(low, high);
-    let (middle, beside) = (bound(MIDDLE).round() as usize, bound(BESIDE).ceil() as usize);
-    let reach = (beside + BESIDE_PX) as i32;
-    let mut rows = Vec::with_capacity((INSIDE_PX + BEYOND_PX + 1) as usize);
-    for px in -INSIDE_PX..=BEYOND_PX {
-        let (p, q) = (at((f64::from(px) - 0.5) * mm_per_px)?, at((f64::from(px) + 0.5) * mm_per_px)?);
-        let length = p.distance_px(q).max(1e-9);
-        let (du, dv) = ((p.v - q.v) / length, (q.u - p.u) / length);
-        let (u, v) = (0.5 * (p.u + q.u), 0.5 * (p.v + q.v));
-        let redness = |k: i32| redness(frame, u + du * f64::from(k), v + dv * f64::from(k)).map(f64::from);
-        rows.push((-reach..=reach).map(redness).collect::<Option<Vec<f64>>>()?);
-    }
-    let centre = reach as usize;
-    let mean = |row: &[f64]| row.iter().sum::<f64>() / row.len() as f64;
-    // The darker side: a label or another stripe lies on one only.
-    let ground = |row: &[f64]| mean(&row[..BESIDE_PX]).min(mean(&row[row.len() - BESIDE_PX..]));
-    let light: Vec<f64> =
-        rows.iter().map(|row| mean(&row[centre - middle..=centre + middle]) - ground(row)).collect();
+fn end_px(walk: &Walk) -> Option<(f64, f64)> {
+    let light: Vec<f64> = walk.rows.iter().map(|row| walk.height(row)).collect();
     let (at, inside, beyond, noise) = step(&light)?;
-    let clear = inside - beyond > LEAST_STEP * noise.max(LEAST_NOISE) && beyond < MOST_LEFT * inside;
-    let end_px = at - f64::from(INSIDE_PX);
-    if clear && end_px > RUNS_ON_PX {
+    if inside - beyond <= LEAST_STEP * noise.max(LEAST_NOISE) || beyond >= MOST_LEFT * inside {
+        return None;
+    }
+    let end_px = at - LINE as f64;
+    if end_px > RUNS_ON_PX {
         // On the face's own plane it goes straight on; on the floor or a neighbouring face it bends away.
-        let place = |rows: &[Vec<f64>]| {
-            let weights = (centre - beside..=centre + beside).map(|k| {
-                (k as f64 - centre as f64, rows.iter().map(|row| row[k] - ground(row)).sum::<f64>().max(0.0))
-            });
-            let (sum, moment) = weights.fold((0.0, 0.0), |(s, m), (k, w)| (s + w, m + w * k));
-            moment / sum.max(1e-9)
-        };
-        let line = INSIDE_PX as usize;
         let end = at as usize;
-        let from = line + (end - line) / 3;
-        if (place(&rows[from..end]) - place(&rows[..line])).abs() > BENT_PX {
+        let from = LINE + (end - LINE) / 3;
+        if (walk.place(&walk.rows[from..end]) - walk.place(&walk.rows[..LINE])).abs() > BENT_PX {
             return None;
         }
     }
-    clear.then_some((end_px, mm_per_px))
+    Some((end_px, walk.mm_per_px))
+}
+
+/// Redness along the line that a stripe would take on the face's plane, from inside a side to beyond it.
+struct Walk {
+    /// Across the line, one row for each px along it; the side is at [`LINE`].
+    rows: Vec<Vec<f64>>,
+    /// Half widths of the bright middle and of all that is the stripe's, px.
+    middle: usize,
+    beside: usize,
+    /// Across the side, for each px along the stripe.
+    mm_per_px: f64,
+}
+
+impl Walk {
+    fn new(
+        frame: &Frame,
+        calibration: &Calibration,
+        raster: &PlaneRaster,
+        offset_mm: f64,
+        side: usize,
+        id: LaserId,
+        half_width_px: f64,
+    ) -> Option<Self> {
+        let (across, high) = SIDES[side];
+        let sign = if high { 1.0 } else { -1.0 };
+        let at = |beyond_mm: f64| {
+            let offset = offset_mm + sign * beyond_mm;
+            let along = crossing_on(calibration, raster, across, offset, id)?;
+            raster.pixel(calibration, across.at(offset, along))
+        };
+        let mm_per_px = at(-0.5)?.distance_px(at(0.5)?).recip();
+        let bound = |(share, low, high): (f64, f64, f64)| (share * half_width_px).clamp(low, high);
+        let (middle, beside) = (bound(MIDDLE).round() as usize, bound(BESIDE).ceil() as usize);
+        let reach = (beside + BESIDE_PX) as i32;
+        let row = |px: i32| {
+            let (p, q) = (at((f64::from(px) - 0.5) * mm_per_px)?, at((f64::from(px) + 0.5) * mm_per_px)?);
+            let length = p.distance_px(q).max(1e-9);
+            let (du, dv) = ((p.v - q.v) / length, (q.u - p.u) / length);
+            let (u, v) = (0.5 * (p.u + q.u), 0.5 * (p.v + q.v));
+            let redness =
+                |k: i32| redness(frame, u + du * f64::from(k), v + dv * f64::from(k)).map(f64::from);
+            (-reach..=reach).map(redness).collect::<Option<Vec<f64>>>()
+        };
+        let rows = (-(LINE as i32)..=BEYOND_PX).map(row).collect::<Option<_>>()?;
+        Some(Self { rows, middle, beside, mm_per_px })
+    }
+
+    /// The darker side of a row: a label or another stripe lies on one only.
+    fn ground(row: &[f64]) -> f64 {
+        mean(&row[..BESIDE_PX]).min(mean(&row[row.len() - BESIDE_PX..]))
+    }
+
+    /// Light of the bright middle over its surroundings.
+    fn height(&self, row: &[f64]) -> f64 {
+        let centre = row.len() / 2;
+        mean(&row[centre - self.middle..=centre + self.middle]) - Self::ground(row)
+    }
+
+    /// Where in the rows the stripe lies on the mean, px across.
+    fn place(&self, rows: &[Vec<f64>]) -> f64 {
+        let centre = self.beside + BESIDE_PX;
+        let weights = (centre - self.beside..=centre + self.beside).map(|k| {
+            let light = rows.iter().map(|row| row[k] - Self::ground(row)).sum::<f64>();
+            (k as f64 - centre as f64, light.max(0.0))
+        });
+        let (sum, moment) = weights.fold((0.0, 0.0), |(s, m), (k, w)| (s + w, m + w * k));
+        moment / sum.max(1e-9)
+    }
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
 }
 
 /// The best step in a row of samples: its place (between samples), the levels on both sides, the scatter about them.
