@@ -1,6 +1,7 @@
 //! Which rectangle on the plane is the face: its direction from the ends of the stripes, its four sides from the ends
 //! where a stripe leaves the plane and from straight image edges where a flush neighbour carries the stripe on.
 
+use super::combine::{APART_PX, CLEAR_SUPPORT, DRIFT_PX, KEEP, Known, Side, choose};
 use super::corners_outside;
 use super::key_points::crossing_on;
 use super::stripe_ends;
@@ -14,7 +15,6 @@ use crate::image::Frame;
 use crate::network::FaceMaps;
 use crate::reject::Reject;
 use crate::units::{LaserId, Px};
-use std::collections::BTreeMap;
 
 /// Two ends that belong to one side differ by no more than this, px, beyond the length of a profile block.
 const END_TOLERANCE_PX: f64 = 12.0;
@@ -26,20 +26,12 @@ const MAX_ANGLE_RAD: f64 = 0.55;
 const SUPPORT_AT_ENDS: f32 = 0.35;
 /// ... and on this share where only the image tells: print and tape seldom fill 16 segments.
 const SUPPORT_ALONE: f32 = 0.75;
-/// An edge seen on this share of a side at the stripes' ends is the face's; worth more than all supports together.
-const CLEAR_SUPPORT: f32 = 0.6;
-const SETTLED_WORTH: f64 = 10.0;
-/// Candidates kept per side, and how many of them at the ends of the stripes.
-const KEEP: usize = 4;
+/// Candidates at the ends of the stripes that are kept per side.
 const KEEP_AT_ENDS: usize = 3;
 /// Further straight lines inside, kept as alternatives.
 const KEEP_INSIDE: usize = 4;
-/// Two candidates are one if they are closer than this, px.
-const APART_PX: f64 = 4.0;
 /// Where the stripes' ends alone tell the sides, a side keeps this clear of the stripe that runs along it, px.
 const STRIPE_CLEAR_PX: f64 = 6.0;
-/// A side may be turned against the raster by this much from end to end, px.
-const DRIFT_PX: f64 = 8.0;
 
 /// An end of a stripe on the raster.
 #[derive(Clone, Copy)]
@@ -334,16 +326,6 @@ fn direction(ends: &[[End; 2]; 4], mm_per_px: f64) -> Option<f64> {
     (weights > 0.0).then_some(sum / weights)
 }
 
-#[derive(Clone, Copy, Debug)]
-struct Side {
-    offset_mm: f64,
-    at_end: bool,
-    /// Share of the side on which the image must show an edge.
-    needed: f32,
-    /// Strength of the edge, less the farther it is from the stripes' ends.
-    nearness: f32,
-}
-
 /// How far out the stripe ends that runs along a side, mm from the raster's middle: the outermost crossing and half its width.
 fn innermost(
     calibration: &Calibration,
@@ -439,174 +421,6 @@ fn side_candidates(
         }
     }
     Some(sides)
-}
-
-/// The best combination of sides by the image edges along their whole length, and the alternatives if they are wanted.
-fn choose(
-    frame: &Frame,
-    calibration: &Calibration,
-    raster: &PlaneRaster,
-    sides: &[Vec<Side>],
-    mm_per_px: f64,
-    known: Known,
-) -> Vec<RoughRectangle> {
-    let by_ends = known != Known::Outline;
-    let mut judge = Judge { frame, calibration, raster, sides, mm_per_px, by_ends, known: BTreeMap::new() };
-    let mut combinations: Vec<[usize; 4]> = Vec::new();
-    let counts = [0, 1, 2, 3].map(|s| sides[s].len().min(KEEP));
-    for i in 0..counts[0] {
-        for j in 0..counts[1] {
-            for k in 0..counts[2] {
-                combinations.extend((0..counts[3]).map(|l| [i, j, k, l]));
-            }
-        }
-    }
-    // The rectangle of the stripes' ends first; others only if the image contradicts it.
-    combinations.sort_by_key(|c| c.iter().sum::<usize>());
-    let mut best: Option<(f64, [usize; 4], RoughRectangle)> = None;
-    for combination in combinations {
-        let beaten = best.as_ref().map_or(f64::NEG_INFINITY, |(score, _, _)| *score);
-        let Some(Verdict { score, clear, rough }) = judge.verdict(combination, beaten) else { continue };
-        if score > beaten {
-            let certain = combination == [0; 4] && rough.at_ends == [true; 4] && clear;
-            best = Some((score, combination, rough));
-            if certain {
-                break;
-            }
-        }
-    }
-    let Some((_, chosen, rough)) = best else { return Vec::new() };
-    let mut result = vec![rough];
-    if known == Known::Ends(Which::WithAlternatives) {
-        let mut others = Vec::new();
-        for side in 0..4 {
-            for (index, _) in sides[side].iter().enumerate().filter(|(_, s)| !s.at_end) {
-                let mut combination = chosen;
-                combination[side] = index;
-                if combination != chosen {
-                    others.extend(judge.verdict(combination, f64::NEG_INFINITY));
-                }
-            }
-        }
-        others.sort_by(|a, b| b.score.total_cmp(&a.score));
-        result.extend(others.into_iter().map(|o| o.rough));
-    }
-    result
-}
-
-/// What is known of the sides before the image's edges are compared.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Known {
-    /// Where the stripes end.
-    Ends(Which),
-    /// The outline in a network's maps: how far a line lies from that counts.
-    Outline,
-}
-
-/// What the image says of one combination of sides.
-struct Verdict {
-    score: f64,
-    /// Every side is clearly seen.
-    clear: bool,
-    rough: RoughRectangle,
-}
-
-/// Judges combinations; what was looked at once is kept.
-struct Judge<'a> {
-    frame: &'a Frame,
-    calibration: &'a Calibration,
-    raster: &'a PlaneRaster,
-    sides: &'a [Vec<Side>],
-    mm_per_px: f64,
-    by_ends: bool,
-    known: BTreeMap<(usize, usize, usize, usize), f32>,
-}
-
-impl Judge<'_> {
-    /// `None` if a corner is outside the image, a side is not seen, or the score cannot be more than `beaten`.
-    fn verdict(&mut self, combination: [usize; 4], beaten: f64) -> Option<Verdict> {
-        let (frame, calibration, raster, mm_per_px) =
-            (self.frame, self.calibration, self.raster, self.mm_per_px);
-        let right = frame.width_px() as f64 - 0.5;
-        let bottom = frame.height_px() as f64 - 0.5;
-        let inside = |p: Px| p.u > -0.5 && p.v > -0.5 && p.u < right && p.v < bottom;
-        let chosen = [0, 1, 2, 3].map(|s| self.sides[s][combination[s]]);
-        let offsets_mm = chosen.map(|s| s.offset_mm);
-        let corners = [(0, 2), (1, 2), (1, 3), (0, 3)]
-            .map(|(a, b)| raster.pixel(calibration, OnPlane::new(offsets_mm[a], offsets_mm[b])));
-        if !corners.iter().all(|c| c.is_some_and(inside)) {
-            return None;
-        }
-        let by_ends = self.by_ends;
-        let score = |support: [f32; 4]| {
-            if by_ends {
-                // Where the stripes end and an edge is seen, that edge is the face's: other lines count only elsewhere.
-                let seen = support.iter().zip(&chosen);
-                let settled = seen.clone().filter(|(s, c)| c.at_end && **s >= CLEAR_SUPPORT).count();
-                SETTLED_WORTH * settled as f64 + seen.map(|(s, c)| f64::from(s + c.nearness)).sum::<f64>()
-            } else {
-                chosen.iter().map(|c| f64::from(c.nearness.max(1e-6)).ln()).sum()
-            }
-        };
-        // Scanning the sides is what takes time.
-        if score([1.0; 4]) <= beaten {
-            return None;
-        }
-        let mut support = [0.0; 4];
-        for (s, seen) in support.iter_mut().enumerate() {
-            // A side's support depends on its own place and on the two sides that end it.
-            let [first, last] = if s < 2 { [2, 3] } else { [0, 1] };
-            let key = (s, combination[s], combination[first], combination[last]);
-            *seen = *self
-                .known
-                .entry(key)
-                .or_insert_with(|| support_of(frame, calibration, raster, &offsets_mm, s, mm_per_px));
-            if *seen < chosen[s].needed {
-                return None;
-            }
-        }
-        Some(Verdict {
-            score: score(support),
-            clear: support.iter().all(|s| *s >= CLEAR_SUPPORT),
-            rough: RoughRectangle {
-                raster: *raster,
-                offsets_mm,
-                at_ends: chosen.map(|s| s.at_end),
-                mm_per_px,
-            },
-        })
-    }
-}
-
-/// Share of a side on which an image edge is seen, 0 to 1.
-fn support_of(
-    frame: &Frame,
-    calibration: &Calibration,
-    raster: &PlaneRaster,
-    offsets_mm: &[f64; 4],
-    side: usize,
-    mm_per_px: f64,
-) -> f32 {
-    let span = span_mm(offsets_mm, side);
-    let margin = 0.03 * (span.1 - span.0);
-    let window = 40.0 * mm_per_px;
-    let scan = SideScan::new(
-        frame,
-        calibration,
-        raster,
-        &ScanRange {
-            across: SIDES[side].0,
-            from_mm: offsets_mm[side] - window,
-            to_mm: offsets_mm[side] + window,
-            span_mm: (span.0 + margin, span.1 - margin),
-            step_mm: 0.8 * mm_per_px,
-        },
-    );
-    scan.candidates(DRIFT_PX * mm_per_px, APART_PX * mm_per_px, 0.1, 8)
-        .iter()
-        .filter(|e| (e.offset_mm - offsets_mm[side]).abs() <= 8.0 * mm_per_px)
-        .map(|e| e.strength)
-        .fold(0.0, f32::max)
 }
 
 /// The refusal if a stripe runs out of the image on the face.

@@ -1,7 +1,8 @@
-//! The rectangle of a face on its plane: which one ([`hypothesize`]), its joint fit ([`refine`]), the paper's eight key
+//! The rectangle of a face on its plane: which one ([`hypothesize`], [`combine`]), its joint fit ([`refine`]), the paper's eight key
 //! points ([`key_points`]), the way from rounded to sharp edges ([`sharp_edge`], [`rounding`]), its sigmas ([`uncertainty`]), what the
 //! residuals tell ([`self_check`], [`surface`]), and the result (this file).
 
+mod combine;
 pub(crate) mod hypothesize;
 pub(crate) mod key_points;
 pub(crate) mod refine;
