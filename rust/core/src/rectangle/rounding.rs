@@ -70,6 +70,8 @@ const STRANGE: f64 = 3.0;
 const TOGETHER: f64 = 6.0;
 /// No side makes a radius less likely than this, of its best: one in thirty shows something else.
 const DOUBT: f64 = 0.03;
+/// Logarithm of the least likelihood: an exponential that is still a number.
+const IMPOSSIBLE: f64 = -500.0;
 /// How likely the end of a stripe is elsewhere by chance (dark print, a neighbour's surface), against its density where it should be.
 const WRONG_END: f64 = 0.02;
 /// What neither shading nor ends know of: crushed edges, tape, flaps that stand off, mm. With it the 95 % intervals of 95 % of 357 sides of
@@ -350,7 +352,7 @@ pub(crate) fn corrections(
     let tables = [0, 1, 2, 3].map(|side| {
         let mut table = tables[side].unwrap_or_else(Table::zeros);
         table.row_iter_mut().for_each(|mut row| row += places);
-        table.map(f64::exp)
+        table.map(|told| told.max(IMPOSSIBLE).exp())
     });
     // How likely each radius makes what a side shows; none is ruled out by one side.
     let by_side = tables.map(|table| {
@@ -462,6 +464,18 @@ mod tests {
         // Radius 1.68 +- 0.98 mm: every scale from 0.5 to 4 alike; and a little beyond.
         assert!(
             (found.outwards_mm - 0.85).abs() < 0.1 && (found.by_radius_mm - 0.5).abs() < 0.15,
+            "{found:?}"
+        );
+    }
+
+    #[test]
+    fn radii_that_a_perfect_picture_rules_out_leave_a_number() {
+        let view = SideView { tan: 0.0, mm_per_px: 0.1 };
+        let rule = Rule { share: 0.5, share_sigma: 0.3 };
+        let table = Table::from_fn(|i, _| if i == 2 { 0.0 } else { -1e5 });
+        let found = corrections(&[rule; 4], &[view; 4], &[Some(table); 4])[0];
+        assert!(
+            (found.outwards_mm - 0.5 * radius_mm(2)).abs() < 0.05 && found.sigma_mm.is_finite(),
             "{found:?}"
         );
     }
