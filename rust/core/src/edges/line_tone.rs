@@ -4,7 +4,7 @@
 //! taken at once, two pixels of three colours; each byte has 16 bits of a word to itself, room for the sum over 16 lines.
 
 use super::Tone;
-use crate::image::Frame;
+use crate::image::{Frame, LANES, word};
 use crate::units::Px;
 use std::ops::Range;
 
@@ -12,8 +12,6 @@ use std::ops::Range;
 const FRACTION: u32 = 16;
 /// Lines that go farther than this outside hold no pixel and would not fit 32 bits.
 const FARTHEST_PX: f64 = 30_000.0;
-/// Every other byte of a word.
-const LANES: u64 = 0x00ff_00ff_00ff_00ff;
 
 /// Bits of it that weigh two pixels against each other.
 const WEIGHT: u32 = 2;
@@ -64,7 +62,9 @@ impl LineTones {
             let (x, y) = ((u >> FRACTION) as usize, (v >> FRACTION) as usize);
             if x < right && y < bottom {
                 let at = (y * width + x) * 3;
-                if let (Some(top), Some(below)) = (word(frame.rgb(), at), word(frame.rgb(), at + width * 3)) {
+                // None for the last two bytes of a frame.
+                let [top, below] = [at, at + width * 3].map(|at| frame.rgb().get(at..).and_then(word));
+                if let (Some(top), Some(below)) = (top, below) {
                     let weight = |fixed: i32| fixed as u64 >> (FRACTION - WEIGHT) & (ONE - 1);
                     let (right, down) = (weight(u), weight(v));
                     let mix = |top: u64, below: u64| (top & LANES) * (ONE - down) + (below & LANES) * down;
@@ -94,12 +94,6 @@ impl LineTones {
             [(green + blue) * scale, (red - blue) * scale]
         })
     }
-}
-
-/// Eight bytes from a place on; `None` for the last two bytes of a frame.
-#[inline]
-fn word(rgb: &[u8], at: usize) -> Option<u64> {
-    Some(u64::from_le_bytes(rgb.get(at..at + 8)?.try_into().ok()?))
 }
 
 #[cfg(test)]

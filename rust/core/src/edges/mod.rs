@@ -11,6 +11,7 @@ use crate::calibration::Calibration;
 use crate::face::outline::RoughRectangle;
 use crate::image::Frame;
 use crate::units::Px;
+use std::sync::LazyLock;
 
 /// A point on a side of the face.
 #[derive(Clone, Copy, Debug)]
@@ -40,16 +41,19 @@ pub(crate) type Tone = [f32; 2];
 /// The tone at a sub-pixel position.
 #[cfg(test)]
 pub(crate) fn tone(frame: &Frame, u: f64, v: f64) -> Option<Tone> {
-    Some(tones(frame, &linear_light(), u, v)?.0)
+    Some(tones(frame, linear_light(), u, v)?.0)
 }
 
 /// Linear light of each grey level, full scale 255. A blurred step lies where light is half way between its sides; the tone curve
 /// moves that towards the dark side, by up to a pixel.
-pub(crate) fn linear_light() -> [f32; 256] {
-    std::array::from_fn(|level| {
-        let c = level as f32 / 255.0;
-        255.0 * if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }
-    })
+pub(crate) fn linear_light() -> &'static [f32; 256] {
+    static LINEAR: LazyLock<[f32; 256]> = LazyLock::new(|| {
+        std::array::from_fn(|level| {
+            let c = level as f32 / 255.0;
+            255.0 * if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }
+        })
+    });
+    &LINEAR
 }
 
 /// The tone at a sub-pixel position, and the same in [`linear_light`].

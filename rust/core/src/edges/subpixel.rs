@@ -5,7 +5,6 @@ use crate::calibration::Calibration;
 use crate::face::outline::{RoughRectangle, SIDES};
 use crate::image::Frame;
 use crate::units::Px;
-use std::sync::LazyLock;
 
 /// Gradient search along the normals of the predicted sides.
 #[derive(Clone, Copy, Debug, Default)]
@@ -95,8 +94,7 @@ fn profiles(
     side: usize,
     keep_out: &[(Px, f64)],
 ) -> Vec<Profile> {
-    static LINEAR: LazyLock<[f32; 256]> = LazyLock::new(linear_light);
-    let linear: &[f32; 256] = &LINEAR;
+    let linear = linear_light();
     let (across, _) = SIDES[side];
     let (from, to) = rough.span_mm(side);
     let offset = rough.offsets_mm[side];

@@ -21,6 +21,15 @@ impl std::fmt::Debug for Frame {
     }
 }
 
+/// Every other byte of a word: sums over pixels take several at once, each with 16 bits to itself.
+pub(crate) const LANES: u64 = 0x00ff_00ff_00ff_00ff;
+
+/// The first eight bytes.
+#[inline]
+pub(crate) fn word(bytes: &[u8]) -> Option<u64> {
+    bytes.first_chunk().map(|bytes| u64::from_le_bytes(*bytes))
+}
+
 /// Larger pictures are refused before memory is taken for them; the sensor has 2592 x 1944.
 const MAX_SIDE_PX: usize = 16_384;
 

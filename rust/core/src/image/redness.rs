@@ -1,7 +1,7 @@
 //! Where the red laser light is: redness `R - (G + B) / 2`, and at half resolution a ridge response for each of the two
 //! diagonal stripe directions, in units of the local noise.
 
-use super::Frame;
+use super::{Frame, LANES, word};
 
 /// Direction of a stripe pair in the image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -60,7 +60,7 @@ pub(crate) fn half_redness(frame: &Frame) -> (usize, usize, Vec<i16>) {
         // Pixels are taken by words of eight bytes, two pixels and two bytes more, each byte with 16 bits to itself.
         let words = top.windows(8).step_by(6).zip(bottom.windows(8).step_by(6));
         for (o, (t, b)) in row.iter_mut().zip(words) {
-            let (t, b) = (word(t), word(b));
+            let (t, b) = (word(t).unwrap_or(0), word(b).unwrap_or(0));
             let even = (t & LANES) + (b & LANES); // red, blue, the neighbour's green
             let odd = (t >> 8 & LANES) + (b >> 8 & LANES); // green, the neighbour's red and blue
             let lane = |word: u64, index: u32| (word >> (16 * index)) as u16 as i16;
@@ -76,15 +76,6 @@ pub(crate) fn half_redness(frame: &Frame) -> (usize, usize, Vec<i16>) {
         }
     }
     (w, h, out)
-}
-
-/// Every other byte of a word.
-const LANES: u64 = 0x00ff_00ff_00ff_00ff;
-
-/// The first eight bytes.
-#[inline]
-fn word(bytes: &[u8]) -> u64 {
-    bytes.first_chunk().map_or(0, |bytes| u64::from_le_bytes(*bytes))
 }
 
 /// The ridge map for stripes near one diagonal, from the output of [`half_redness`].

@@ -138,8 +138,9 @@ pub(crate) fn snap_to_image(
         let needed = if flush[side] { SUPPORT_FLUSH } else { LEAST_BESIDE_MAP };
         let (support, beyond) = (outline.support[side], outline.face_beyond(calibration, maps, side));
         let both_end = || {
-            let found = stripe_ends::find(frame, calibration, &raster, offset, side, face.half_width_px);
-            ends_here.len() == 2 || found.is_some_and(|e| e.agree && e.outwards_mm.abs() < 3.0 * sigma)
+            ends_here.len() == 2
+                || stripe_ends::find(frame, calibration, &raster, offset, side, face.half_width_px)
+                    .is_some_and(|e| e.agree && e.outwards_mm.abs() < 3.0 * sigma)
         };
         let needed_support = match (flush[side], ends_here.len()) {
             (true, _) => MAP_SUPPORT_FLUSH,

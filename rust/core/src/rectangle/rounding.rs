@@ -76,7 +76,7 @@ const IMPOSSIBLE: f64 = -500.0;
 const WRONG_END: f64 = 0.02;
 /// What neither shading nor ends know of: crushed edges, tape, flaps that stand off, mm. With it the 95 % intervals of 95 % of 357 sides of
 /// rendered faces hold the truth.
-pub(crate) const WEAR_MM: f64 = 0.2;
+const WEAR_MM: f64 = 0.2;
 /// Scatter of a side's line, px.
 const LINE_PX: f64 = 0.3;
 /// Samples of the drawn arc a px.
@@ -84,7 +84,7 @@ const PER_PX: usize = 4;
 /// Blocks of a side whose spread is the noise, and most positions along it.
 const BLOCKS: usize = 8;
 const MOST_POSITIONS: usize = 400;
-/// Part of the side at each corner that is left out, and positions closer than this to a stripe's light, px.
+/// Part of the side at each corner that is left out.
 const CORNER_SHARE: f64 = 0.06;
 /// Full scale is that of [`linear_light`]; brighter than this share of it the sensor saturates.
 const SATURATED: f64 = 0.9 * 255.0;
@@ -168,7 +168,7 @@ pub(crate) fn profile(
             .map(|k| {
                 let w = k as f64 * step;
                 let (u, v) = (p.u + (q.u - p.u) * w, p.v + (q.v - p.v) * w);
-                tones(frame, &linear, u, v).map(|(_, light)| f64::from(light[0]))
+                tones(frame, linear, u, v).map(|(_, light)| f64::from(light[0]))
             })
             .collect();
         let (sum, count) = &mut blocks[i * BLOCKS / positions];
@@ -283,11 +283,11 @@ pub(crate) fn explain(profile: &EdgeProfile, rule: &Rule, view: &SideView) -> Op
         return None;
     }
     let weights: Vec<f64> = profile.sigma.iter().map(|s| (s * s + (MODEL * mean).powi(2)).recip()).collect();
-    // What is known of light beforehand counts as two observations.
     // A neighbouring face that is in view tells its light itself.
     let beyond = profile.light.iter().rev().take(4).sum::<f64>() / 4.0;
     let (usual, turned) = if view.tan > 0.0 { (face.max(beyond), IN_VIEW) } else { (face, TURNED) };
     let lamp = (0.0, LAMP);
+    // What is known of light beforehand.
     let known = [(1, turned), (2, EVEN), (4, lamp), (5, lamp), (6, lamp)]
         .map(|(i, (mean, sigma))| (i, mean * usual, (sigma * usual).powi(-2)));
     let mut chi2 = Table::repeat(f64::INFINITY);
