@@ -2,9 +2,9 @@
 //! in the plane q (physics.md). Weighted so that residuals are pixels, re-weighted so that outliers do not count.
 
 use crate::calibration::Calibration;
-use crate::frames::{Cam, Plane};
+use crate::frames::{Cam, Plane, Ray};
 use crate::units::{LaserId, Px};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix2, Matrix3, Vector3};
 
 /// One stripe centre with its laser and standard deviation across the stripe.
 #[derive(Clone, Copy, Debug)]
@@ -28,17 +28,30 @@ pub(crate) struct PlaneFit {
 const TUKEY: f64 = 4.685;
 const ITERATIONS: usize = 12;
 
+/// What the camera tells of a pixel, whatever the plane: its ray and the ray's derivative by it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PxView {
+    pub ray: Ray<Cam>,
+    by_px: Matrix2<f64>,
+}
+
+impl PxView {
+    pub fn new(calibration: &Calibration, at: Px) -> Self {
+        let (ray, by_px) = calibration.camera().ray_from_px_with_jacobian(at);
+        Self { ray, by_px }
+    }
+}
+
 /// Distance of a stripe pixel from the line that a plane predicts, px, and the factor from `(q - p) . x` to px.
-pub(crate) fn stripe_residual_px(
+pub(crate) fn residual_px(
     calibration: &Calibration,
     plane: &Plane<Cam>,
     laser: LaserId,
-    at: Px,
-) -> Option<(f64, f64, Vector3<f64>)> {
-    let (ray, jacobian) = calibration.camera().ray_from_px_with_jacobian(at);
+    view: &PxView,
+) -> Option<(f64, f64)> {
     let line = plane.per_mm - calibration.laser(laser).per_mm;
-    let gradient = (jacobian.transpose() * line.xy()).norm();
-    (gradient > 1e-12).then(|| (line.dot(&ray.xy1) / gradient, 1.0 / gradient, ray.xy1))
+    let gradient = (view.by_px.transpose() * line.xy()).norm();
+    (gradient > 1e-12).then(|| (line.dot(&view.ray.xy1) / gradient, 1.0 / gradient))
 }
 
 /// Robust maximum-likelihood fit, starting from `start`. `None` if the observations do not fix a plane.
@@ -51,11 +64,12 @@ pub(crate) fn fit_plane(
         return None;
     }
     let mut plane = *start;
-    let mut residuals = vec![(0.0, 0.0, Vector3::zeros()); observations.len()];
+    let views: Vec<PxView> = observations.iter().map(|o| PxView::new(calibration, o.at)).collect();
+    let mut residuals = vec![(0.0, 0.0); observations.len()];
     let mut scale = f64::INFINITY;
     for iteration in 0..ITERATIONS {
-        for (r, o) in residuals.iter_mut().zip(observations) {
-            *r = stripe_residual_px(calibration, &plane, o.laser, o.at)?;
+        for ((r, o), view) in residuals.iter_mut().zip(observations).zip(&views) {
+            *r = residual_px(calibration, &plane, o.laser, view)?;
         }
         let mut sizes: Vec<f64> =
             residuals.iter().zip(observations).map(|(r, o)| (r.0 / o.sigma_px).abs()).collect();
@@ -63,9 +77,9 @@ pub(crate) fn fit_plane(
         scale = (*sizes.select_nth_unstable_by(middle, f64::total_cmp).1 / 0.6745).max(0.3);
         let mut normal = Matrix3::zeros();
         let mut right = Vector3::zeros();
-        for ((_, per_px, x), o) in residuals.iter().zip(observations) {
-            let line_value = (plane.per_mm - calibration.laser(o.laser).per_mm).dot(x);
-            let t = line_value * per_px / (o.sigma_px * scale * TUKEY);
+        for (((px, per_px), o), view) in residuals.iter().zip(observations).zip(&views) {
+            let x = &view.ray.xy1;
+            let t = px / (o.sigma_px * scale * TUKEY);
             // The first step takes all points with bounded influence; the start may be some px off.
             let robust = if iteration == 0 { 1.0 / (1.0 + t.abs()) } else { (1.0 - t * t).max(0.0).powi(2) };
             let weight = robust * (per_px / o.sigma_px).powi(2);
@@ -80,8 +94,8 @@ pub(crate) fn fit_plane(
         }
     }
     let (mut sum, mut count) = (0.0, 0.0);
-    for o in observations {
-        let (r, _, _) = stripe_residual_px(calibration, &plane, o.laser, o.at)?;
+    for (o, view) in observations.iter().zip(&views) {
+        let (r, _) = residual_px(calibration, &plane, o.laser, view)?;
         if r.abs() < TUKEY * scale * o.sigma_px {
             sum += r * r;
             count += 1.0;

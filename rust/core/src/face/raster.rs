@@ -1,7 +1,7 @@
 //! Two-dimensional coordinates on a face's plane in mm, and the way to the sensor and back.
 
 use crate::calibration::Calibration;
-use crate::frames::{Cam, Plane, Point};
+use crate::frames::{Cam, Plane, Point, Ray};
 use crate::units::Px;
 use nalgebra::{Vector2, Vector3};
 
@@ -43,7 +43,12 @@ impl PlaneRaster {
 
     /// Where a pixel sees the plane.
     pub fn on_plane(&self, calibration: &Calibration, px: Px) -> Option<OnPlane> {
-        Some(self.of_cam(&self.plane.intersect(&calibration.camera().ray_from_px(px))?))
+        self.of_ray(&calibration.camera().ray_from_px(px))
+    }
+
+    /// Where a ray meets the plane.
+    pub fn of_ray(&self, ray: &Ray<Cam>) -> Option<OnPlane> {
+        Some(self.of_cam(&self.plane.intersect(ray)?))
     }
 
     /// Coordinates of a point of the plane.

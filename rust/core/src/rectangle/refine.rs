@@ -5,9 +5,9 @@
 use crate::calibration::Calibration;
 use crate::edges::EdgePoint;
 use crate::face::outline::{Across, RoughRectangle, SIDES, span_mm};
-use crate::face::plane_fit::{StripeObservation, stripe_residual_px};
+use crate::face::plane_fit::{PxView, StripeObservation, residual_px};
 use crate::face::raster::{OnPlane, PlaneRaster};
-use crate::frames::Plane;
+use crate::frames::{Cam, Plane, Ray};
 use crate::units::Px;
 use nalgebra::{SMatrix, SVector, Vector3};
 
@@ -116,6 +116,17 @@ pub(crate) enum Source {
     Edge(usize),
 }
 
+/// The unknowns on which a residual depends.
+pub(super) fn unknowns_of(source: Source) -> &'static [usize] {
+    match source {
+        Source::Stripe(_) => &[0, 1, 2],
+        Source::Edge(0) => &[0, 1, 2, 3, 4, 8, 9, 10],
+        Source::Edge(1) => &[0, 1, 2, 3, 5, 8, 9, 10],
+        Source::Edge(2) => &[0, 1, 2, 3, 6, 8, 9, 10],
+        Source::Edge(_) => &[0, 1, 2, 3, 7, 8, 9, 10],
+    }
+}
+
 /// One observation against the model.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Row {
@@ -172,10 +183,23 @@ impl<'a> Problem<'a> {
         side: usize,
         at: Px,
     ) -> Option<f64> {
+        let slope = lever(side) * turn_rad(params, side).tan();
+        Some(self.beside_and_along_mm(raster, params, side, slope, &calibration.camera().ray_from_px(at))?.0)
+    }
+
+    /// Offset of a ray from its side, which changes by `slope` along it, and its place along the side from the middle, mm.
+    fn beside_and_along_mm(
+        &self,
+        raster: &PlaneRaster,
+        params: &Params,
+        side: usize,
+        slope: f64,
+        ray: &Ray<Cam>,
+    ) -> Option<(f64, f64)> {
         let (across, _) = SIDES[side];
-        let on = raster.on_plane(calibration, at)?;
+        let on = raster.of_ray(ray)?;
         let along = across.along(on) - self.middles_mm[side];
-        Some(across.offset(on) + lever(side) * turn_rad(params, side).tan() * along - params[OFFSETS + side])
+        Some((across.offset(on) + slope * along - params[OFFSETS + side], along))
     }
 
     /// The unknowns with each side where half of its points lie on either side of it: Tukey's weights settle on those points that
@@ -196,11 +220,10 @@ impl<'a> Problem<'a> {
         Some(moved)
     }
 
-    fn stripe_row(&self, params: &Params, o: &StripeObservation) -> Option<Row> {
-        let plane = Plane::new(Vector3::new(params[0], params[1], params[2]));
-        let (px, per, x) = stripe_residual_px(self.calibration, &plane, o.laser, o.at)?;
+    fn stripe_row(&self, plane: &Plane<Cam>, o: &StripeObservation, view: &PxView) -> Option<Row> {
+        let (px, per) = residual_px(self.calibration, plane, o.laser, view)?;
         let mut derivative_px = Params::zeros();
-        derivative_px.fixed_rows_mut::<3>(0).copy_from(&(x * per));
+        derivative_px.fixed_rows_mut::<3>(0).copy_from(&(view.ray.xy1 * per));
         Some(Row {
             source: Source::Stripe(o.laser.index()),
             at: o.at,
@@ -214,21 +237,25 @@ impl<'a> Problem<'a> {
         })
     }
 
-    fn edge_row(&self, params: &Params, rasters: &Rasters, side: usize, p: &EdgePoint) -> Option<Row> {
-        let (across, _) = SIDES[side];
+    fn edge_row(
+        &self,
+        params: &Params,
+        rasters: &Rasters,
+        (side, slope): (usize, f64),
+        p: &EdgePoint,
+        cross: &Cross,
+    ) -> Option<Row> {
         let beside =
-            |raster: &PlaneRaster, px: Px| self.beside_mm(self.calibration, raster, params, side, px);
-        let here = beside(&rasters.here, p.at)?;
+            |raster: &PlaneRaster, ray: &Ray<Cam>| self.beside_and_along_mm(raster, params, side, slope, ray);
+        let (here, along_mm) = beside(&rasters.here, &cross.middle)?;
         // Millimetres of offset per pixel across the side, from the raster itself.
-        let right = beside(&rasters.here, Px::new(p.at.u + 0.5, p.at.v))?
-            - beside(&rasters.here, Px::new(p.at.u - 0.5, p.at.v))?;
-        let down = beside(&rasters.here, Px::new(p.at.u, p.at.v + 0.5))?
-            - beside(&rasters.here, Px::new(p.at.u, p.at.v - 0.5))?;
+        let [right, left, down, up] = &cross.around;
+        let right = beside(&rasters.here, right)?.0 - beside(&rasters.here, left)?.0;
+        let down = beside(&rasters.here, down)?.0 - beside(&rasters.here, up)?.0;
         let mm_per_px = right.hypot(down).max(1e-9);
-        let along_mm = across.along(rasters.here.on_plane(self.calibration, p.at)?) - self.middles_mm[side];
         let mut derivative_px = Params::zeros();
         for (i, (raster, step)) in rasters.moved.iter().enumerate() {
-            derivative_px[i] = (beside(raster, p.at)? - here) / step / mm_per_px;
+            derivative_px[i] = (beside(raster, &cross.middle)?.0 - here) / step / mm_per_px;
         }
         derivative_px[OFFSETS + side] = -1.0 / mm_per_px;
         for (i, turn) in TURNS[side].iter().enumerate() {
@@ -248,22 +275,55 @@ impl<'a> Problem<'a> {
     }
 
     /// All observations at these unknowns, weighted.
-    fn rows(&self, params: &Params) -> Option<Vec<Row>> {
+    fn rows(&self, params: &Params, seen: &Seen) -> Option<Vec<Row>> {
         let rasters = Rasters::new(self, params)?;
-        let mut rows: Vec<Row> =
-            self.stripes.iter().map(|o| self.stripe_row(params, o)).collect::<Option<_>>()?;
+        let plane = Plane::new(Vector3::new(params[0], params[1], params[2]));
+        let edges = self.edges.iter().map(Vec::len).sum::<usize>();
+        let mut rows: Vec<Row> = Vec::with_capacity(self.stripes.len() + edges);
+        for (o, view) in self.stripes.iter().zip(&seen.stripes) {
+            rows.push(self.stripe_row(&plane, o, view)?);
+        }
         for (row, bow_px) in rows.iter_mut().zip(self.bow_px) {
             row.px -= bow_px;
         }
-        let stripes = rows.len();
-        for (side, points) in self.edges.iter().enumerate() {
-            for p in points {
-                rows.push(self.edge_row(params, &rasters, side, p)?);
+        for (side, (points, crosses)) in self.edges.iter().zip(&seen.edges).enumerate() {
+            let slope = lever(side) * turn_rad(params, side).tan();
+            for (p, cross) in points.iter().zip(crosses) {
+                rows.push(self.edge_row(params, &rasters, (side, slope), p, cross)?);
             }
         }
-        debug_assert!(rows[..stripes].iter().all(|r| matches!(r.source, Source::Stripe(_))));
         weigh_all(&mut rows);
         Some(rows)
+    }
+}
+
+/// The rays of all observations, which no unknown changes.
+struct Seen {
+    stripes: Vec<PxView>,
+    edges: [Vec<Cross>; 4],
+}
+
+/// The ray of an edge point and those half a pixel to its right, left, below and above.
+struct Cross {
+    middle: Ray<Cam>,
+    around: [Ray<Cam>; 4],
+}
+
+impl Seen {
+    fn new(problem: &Problem) -> Self {
+        let camera = problem.calibration.camera();
+        let ray = |at: Px, du: f64, dv: f64| camera.ray_from_px(Px::new(at.u + du, at.v + dv));
+        Self {
+            stripes: problem.stripes.iter().map(|o| PxView::new(problem.calibration, o.at)).collect(),
+            edges: problem.edges.each_ref().map(|points| {
+                let cross = |p: &EdgePoint| Cross {
+                    middle: ray(p.at, 0.0, 0.0),
+                    around: [(0.5, 0.0), (-0.5, 0.0), (0.0, 0.5), (0.0, -0.5)]
+                        .map(|(du, dv)| ray(p.at, du, dv)),
+                };
+                points.iter().map(cross).collect()
+            }),
+        }
     }
 }
 
@@ -311,16 +371,20 @@ fn weigh(rows: &mut [Row], usual_correlation: f64) {
 /// How many neighbouring residuals say as much as one independent one: `1 + 2 (rho_1 + rho_2 + ...)`, summed until rho is
 /// lost in its own noise, and drawn towards what is usual where there are few. Never below 1.
 fn correlation(rows: &[Row], usual: f64) -> f64 {
-    let unit = |r: &Row| r.px / r.sigma_px * r.robust.sqrt();
+    let units: Vec<f64> = rows.iter().map(|r| r.px / r.sigma_px * r.robust.sqrt()).collect();
     let count = rows.len() as f64;
-    let power: f64 = rows.iter().map(|r| unit(r).powi(2)).sum();
+    let power: f64 = units.iter().map(|u| u * u).sum();
     if power <= 0.0 {
         return usual;
     }
     let mut sum = 1.0;
     for distance in 1..=MOST_NEIGHBOURS {
-        let pairs = rows.iter().zip(rows.iter().skip(distance)).filter(|(a, b)| a.source == b.source);
-        let rho = pairs.map(|(a, b)| unit(a) * unit(b)).sum::<f64>() / power;
+        let of_runs = rows.chunk_by(|a, b| a.source == b.source).scan(0, |end, run| {
+            *end += run.len();
+            let units = &units[*end - run.len()..*end];
+            Some(units.iter().zip(units.iter().skip(distance)).map(|(a, b)| a * b).sum::<f64>())
+        });
+        let rho = of_runs.sum::<f64>() / power;
         if rho < 2.0 / count.sqrt() {
             break;
         }
@@ -338,18 +402,25 @@ pub(crate) fn refine(
 ) -> Option<FittedRectangle> {
     let mut params = *start;
     let mut covariance = Covariance::zeros();
-    let mut rows = problem.rows(&params)?;
+    let seen = Seen::new(problem);
+    let mut rows = problem.rows(&params, &seen)?;
     for _ in 0..iterations {
         let mut normal = Covariance::zeros();
         let mut right = Params::zeros();
         for row in rows.iter().filter(|r| r.robust > 0.0) {
-            normal += row.derivative_px * row.derivative_px.transpose() * row.weight;
-            right -= row.derivative_px * (row.weight * row.px);
+            let unknowns = unknowns_of(row.source);
+            for &a in unknowns {
+                let weighted = row.derivative_px[a] * row.weight;
+                for &b in unknowns {
+                    normal[(b, a)] += row.derivative_px[b] * weighted;
+                }
+                right[a] -= weighted * row.px;
+            }
         }
         covariance = inverse(&normal, shape)?;
         let step = covariance * right;
         params += step;
-        rows = problem.rows(&params)?;
+        rows = problem.rows(&params, &seen)?;
         if step.component_div(&covariance.diagonal().map(|c| c.max(0.0).sqrt().max(1e-300))).amax() < 1e-3 {
             break;
         }

@@ -14,7 +14,7 @@ use crate::calibration::Calibration;
 use crate::face::outline::{SIDES, span_mm};
 use crate::units::LaserId;
 use crate::warning::{Warning, WarningKind};
-use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, SVector, Vector3};
 
 /// What one sound face in a thousand exceeds: quantiles of chi-square with 1 and 4 degrees of freedom.
 const LIMIT_1: f64 = 10.83;
@@ -47,6 +47,8 @@ const LINES: std::ops::Range<usize> = 0..8;
 const BENDS: std::ops::Range<usize> = 8..12;
 const SHAPES: std::ops::Range<usize> = 12..15;
 const ADDED: usize = 15;
+/// With the fit's.
+const SIZE: usize = SHAPE + ADDED;
 
 /// What the checks of one face found.
 #[derive(Clone, Debug, Default)]
@@ -70,11 +72,15 @@ pub(super) fn check(
 ) -> Option<SelfCheck> {
     let rows = &own_noise(&fit.rows)?;
     // What the stripes say among themselves: the sides, whose shape is another question, have no part in it.
-    let stripes = System::new(rows, causes, |source| matches!(source, Source::Stripe(_)))?;
+    let along = along_stripes(rows)?;
+    let mut sums = Sums::new();
+    sums.add(rows, &along, causes, |source| matches!(source, Source::Stripe(_)));
+    let stripes = sums.system();
     let mut found = SelfCheck::default();
     coplanar(&stripes, drift_rad, &mut found)?;
     straight(&stripes, calibration, fit, &mut found)?;
-    rectangular(&System::new(rows, causes, |_| true)?, fit, &mut found)?;
+    sums.add(rows, &along, causes, |source| matches!(source, Source::Edge(_)));
+    rectangular(&sums.system(), fit, &mut found)?;
     Some(found)
 }
 
@@ -88,16 +94,20 @@ struct System {
     by_cause: DMatrix<f64>,
 }
 
-impl System {
-    fn new(rows: &[Row], causes: &Causes, counts: impl Fn(Source) -> bool) -> Option<Self> {
-        let along = along_stripes(rows)?;
-        let size = SHAPE + ADDED;
-        let mut system = Self {
-            normal: DMatrix::zeros(size, size),
-            score: DVector::zeros(size),
-            units: DVector::zeros(size),
-            by_cause: DMatrix::zeros(size, CAUSES),
-        };
+/// [`System`] while observations are added, each unknown in its own unit.
+struct Sums {
+    normal: SMatrix<f64, SIZE, SIZE>,
+    score: SVector<f64, SIZE>,
+    /// One column for each unknown.
+    by_cause: SMatrix<f64, CAUSES, SIZE>,
+}
+
+impl Sums {
+    fn new() -> Self {
+        Self { normal: SMatrix::zeros(), score: SVector::zeros(), by_cause: SMatrix::zeros() }
+    }
+
+    fn add(&mut self, rows: &[Row], along: &[f64], causes: &Causes, counts: impl Fn(Source) -> bool) {
         for (i, row) in rows.iter().enumerate().filter(|(_, r)| r.weight > 0.0 && counts(r.source)) {
             // Few of the columns belong to a row: stripes have no shape, sides no lines.
             let mut column = [(0, 0.0); SHAPE + 3];
@@ -117,39 +127,44 @@ impl System {
                     }
                 }
             }
-            // A side also turns by how its rounding is seen along it.
-            let (turned, by_rounding) = match row.source {
-                Source::Stripe(_) => (CAUSES, 1.0),
-                Source::Edge(side) => {
-                    let px = ROUNDING_TURN_MM / row.mm_per_px.max(1e-9);
-                    (EDGES + 4 + side, (px / EDGE_SYSTEMATIC_PX).hypot(1.0))
-                }
-            };
-            for (a, x) in column {
+            let mut effect = causes.on_residuals_px[i];
+            if let Source::Edge(side) = row.source {
+                // A side also turns by how its rounding is seen along it.
+                let px = ROUNDING_TURN_MM / row.mm_per_px.max(1e-9);
+                effect[EDGES + 4 + side] *= (px / EDGE_SYSTEMATIC_PX).hypot(1.0);
+            }
+            for (a, x) in column.into_iter().filter(|(_, x)| *x != 0.0) {
                 // The residual is observation minus model where it grows with the unknowns, so what is added explains it
                 // with the same sign.
-                system.score[a] += x * row.weight * row.px;
+                let weighted = x * row.weight;
+                self.score[a] += weighted * row.px;
                 for (b, y) in column {
-                    system.normal[(a, b)] += x * y * row.weight;
+                    self.normal[(b, a)] += y * weighted;
                 }
-                for k in 0..CAUSES {
-                    let more = if k == turned { by_rounding } else { 1.0 };
-                    system.by_cause[(a, k)] += x * row.weight * causes.on_residuals_px[(i, k)] * more;
-                }
+                let mut by_cause = self.by_cause.column_mut(a);
+                by_cause += effect * weighted;
             }
         }
-        // All unknowns alike, since they have sizes from 1e-4 to 1e3.
-        system.units = system.normal.diagonal().map(|n| if n > 0.0 { 1.0 / n.sqrt() } else { 0.0 });
-        for a in 0..size {
-            let unit = system.units[a];
-            system.normal.row_mut(a).scale_mut(unit);
-            system.normal.column_mut(a).scale_mut(unit);
-            system.score[a] *= unit;
-            system.by_cause.row_mut(a).scale_mut(unit);
-        }
-        Some(system)
     }
 
+    /// All unknowns alike, since they have sizes from 1e-4 to 1e3.
+    fn system(&self) -> System {
+        let units = self.normal.diagonal().map(|n| if n > 0.0 { 1.0 / n.sqrt() } else { 0.0 });
+        let scale = SMatrix::<f64, SIZE, SIZE>::from_diagonal(&units);
+        System {
+            normal: DMatrix::from_iterator(SIZE, SIZE, (scale * self.normal * scale).iter().copied()),
+            score: DVector::from_iterator(SIZE, self.score.component_mul(&units).iter().copied()),
+            units: DVector::from_iterator(SIZE, units.iter().copied()),
+            by_cause: DMatrix::from_iterator(
+                SIZE,
+                CAUSES,
+                (scale * self.by_cause.transpose()).iter().copied(),
+            ),
+        }
+    }
+}
+
+impl System {
     /// The unknowns `wanted` with `others` free beside them.
     fn test(&self, wanted: &[usize], others: &[usize]) -> Option<Test> {
         let part = |rows: &[usize], columns: &[usize]| self.normal.select_rows(rows).select_columns(columns);

@@ -2,14 +2,16 @@
 //! Every cause is scaled to one standard deviation and independent of the others; its effect on each residual gives its
 //! effect on the fit (implicit function: `d unknowns = -inverse(normal) sum(weight * derivative * d residual)`).
 
-use super::refine::{FittedRectangle, OFFSETS, Params, Problem, SHAPE, Source, UNKNOWNS, turn_rad};
+use super::refine::{
+    FittedRectangle, OFFSETS, Params, Problem, SHAPE, Source, UNKNOWNS, turn_rad, unknowns_of,
+};
 use super::sharp_edge::Correction;
 use crate::calib::uncertainty::CalibrationStep;
 use crate::calibration::{Calibration, CalibrationCovariance};
 use crate::eigen::symmetric_eigen;
 use crate::measurement::{SHARED_CAUSES, SideUncertainty};
 use crate::units::{AngleEstimate, LaserId};
-use nalgebra::{DMatrix, Matrix2, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix2, SMatrix, SVector, Vector3};
 
 /// Parameters of a calibration.
 const CALIBRATION: usize = 18;
@@ -25,7 +27,7 @@ pub(super) const EDGE_SYSTEMATIC_PX: f64 = 0.2;
 
 /// Effect of one sigma of every cause on every residual, px; one row per [`super::refine::Row`].
 pub(super) struct Causes {
-    pub on_residuals_px: DMatrix<f64>,
+    pub on_residuals_px: Vec<SVector<f64, CAUSES>>,
     /// ... and on the unknowns.
     pub on_unknowns: SMatrix<f64, UNKNOWNS, CAUSES>,
 }
@@ -33,7 +35,7 @@ pub(super) struct Causes {
 /// Works out all causes at a fit.
 pub(super) fn causes(problem: &Problem, fit: &FittedRectangle, tilts_rad: [f64; 4]) -> Option<Causes> {
     let calibration = problem.calibration;
-    let root = calibration.covariance().map(root_of);
+    let root = calibration.covariance().map(|covariance| root_of(covariance).transpose());
     let cameras = [0, 1, 2, 3, 4, 5].map(|i| {
         let mut step = CalibrationStep::zeros();
         step[i] = if i < 4 { 0.01 } else { 1e-4 };
@@ -48,9 +50,9 @@ pub(super) fn causes(problem: &Problem, fit: &FittedRectangle, tilts_rad: [f64; 
         (p - calibration.laser(id).per_mm) / angle_rad * tilts_rad[id.index()]
     });
     let half_mm = half_sides_mm(&fit.offsets_mm);
-    let mut on_residuals_px = DMatrix::zeros(fit.rows.len(), CAUSES);
-    let mut pull = SMatrix::<f64, UNKNOWNS, CAUSES>::zeros();
-    for (i, row) in fit.rows.iter().enumerate() {
+    let mut on_residuals_px = Vec::with_capacity(fit.rows.len());
+    let mut pull = SMatrix::<f64, CAUSES, UNKNOWNS>::zeros();
+    for row in &fit.rows {
         let mut by_calibration = SVector::<f64, CALIBRATION>::zeros();
         let mut effect = SVector::<f64, CAUSES>::zeros();
         match row.source {
@@ -78,12 +80,18 @@ pub(super) fn causes(problem: &Problem, fit: &FittedRectangle, tilts_rad: [f64; 
             }
         }
         if let Some(root) = &root {
-            effect.fixed_rows_mut::<CALIBRATION>(0).copy_from(&(root.transpose() * by_calibration));
+            let mut by_sigmas = effect.fixed_rows_mut::<CALIBRATION>(0);
+            for (root, by) in root.column_iter().zip(&by_calibration).filter(|(_, by)| **by != 0.0) {
+                by_sigmas += root * *by;
+            }
         }
-        pull += row.derivative_px * effect.transpose() * row.weight;
-        on_residuals_px.row_mut(i).copy_from(&effect.transpose());
+        for &unknown in unknowns_of(row.source) {
+            let mut pull = pull.column_mut(unknown);
+            pull += effect * (row.derivative_px[unknown] * row.weight);
+        }
+        on_residuals_px.push(effect);
     }
-    Some(Causes { on_residuals_px, on_unknowns: -fit.covariance * pull })
+    Some(Causes { on_residuals_px, on_unknowns: -fit.covariance * pull.transpose() })
 }
 
 /// Half the length of each side, mm.
