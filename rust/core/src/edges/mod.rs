@@ -11,7 +11,9 @@ use crate::calibration::Calibration;
 use crate::face::outline::RoughRectangle;
 use crate::image::Frame;
 use crate::units::Px;
+use std::ops::{Add, Mul};
 use std::sync::LazyLock;
+use wide::f32x4;
 
 /// A point on a side of the face.
 #[derive(Clone, Copy, Debug)]
@@ -41,7 +43,8 @@ pub(crate) type Tone = [f32; 2];
 /// The tone at a sub-pixel position.
 #[cfg(test)]
 pub(crate) fn tone(frame: &Frame, u: f64, v: f64) -> Option<Tone> {
-    Some(tones(frame, linear_light(), u, v)?.0)
+    let [brightness, hue, ..] = tones(frame, Palette::get(), u, v)?.to_array();
+    Some([brightness, hue])
 }
 
 /// Linear light of each grey level, full scale 255. A blurred step lies where light is half way between its sides; the tone curve
@@ -56,33 +59,56 @@ pub(crate) fn linear_light() -> &'static [f32; 256] {
     &LINEAR
 }
 
+/// What each level of red, green and blue adds to the tone and to the same in [`linear_light`].
+pub(crate) struct Palette([[f32x4; 256]; 3]);
+
+impl Palette {
+    /// The only one.
+    pub fn get() -> &'static Self {
+        static PALETTE: LazyLock<Palette> = LazyLock::new(|| {
+            // Brightness and hue of red, green and blue.
+            Palette([[0.0, 0.5], [0.5, 0.0], [0.5, -0.5]].map(|[brightness, hue]| {
+                std::array::from_fn(|level| {
+                    let (grey, light) = (level as f32, linear_light()[level]);
+                    f32x4::from([brightness * grey, hue * grey, brightness * light, hue * light])
+                })
+            }))
+        });
+        &PALETTE
+    }
+}
+
 /// The tone at a sub-pixel position, and the same in [`linear_light`].
 #[inline]
-pub(crate) fn tones(frame: &Frame, linear: &[f32; 256], u: f64, v: f64) -> Option<(Tone, Tone)> {
-    let tone = |[red, green, blue]: [f32; 3]| [0.5 * (green + blue), 0.5 * (red - blue)];
-    sampled(frame, u, v, |p| {
-        let grey = tone(p.map(f32::from));
-        let light = tone(p.map(|level| linear[usize::from(level)]));
-        [grey[0], grey[1], light[0], light[1]]
+pub(crate) fn tones(frame: &Frame, palette: &Palette, u: f64, v: f64) -> Option<f32x4> {
+    let [reds, greens, blues] = &palette.0;
+    sampled(frame, u, v, |[red, green, blue]| {
+        reds[usize::from(red)] + greens[usize::from(green)] + blues[usize::from(blue)]
     })
-    .map(|[a, b, c, d]| ([a, b], [c, d]))
+}
+
+/// Brightness without red at a sub-pixel position, in [`linear_light`].
+#[inline]
+pub(crate) fn light(frame: &Frame, linear: &[f32; 256], u: f64, v: f64) -> Option<f32> {
+    let of = |[_, green, blue]: [u8; 3]| 0.5 * (linear[usize::from(green)] + linear[usize::from(blue)]);
+    sampled(frame, u, v, of)
 }
 
 /// `R - (G + B) / 2` at a sub-pixel position, grey levels: where laser light is.
 #[inline]
 pub(crate) fn redness(frame: &Frame, u: f64, v: f64) -> Option<f32> {
-    let of = |[red, green, blue]: [u8; 3]| [f32::from(red) - 0.5 * (f32::from(green) + f32::from(blue))];
-    sampled(frame, u, v, of).map(|[redness]| redness)
+    let of = |[red, green, blue]: [u8; 3]| f32::from(red) - 0.5 * (f32::from(green) + f32::from(blue));
+    sampled(frame, u, v, of)
 }
 
 /// What a pixel tells, at a sub-pixel position, bilinear.
 #[inline]
-fn sampled<const N: usize>(
+fn sampled<T: Copy + Add<Output = T> + Mul<f32, Output = T>>(
     frame: &Frame,
     u: f64,
     v: f64,
-    told: impl Fn([u8; 3]) -> [f32; N],
-) -> Option<[f32; N]> {
+    told: impl Fn([u8; 3]) -> T,
+) -> Option<T> {
     let (w, h) = (frame.width_px(), frame.height_px());
     if !(u >= 0.0 && v >= 0.0) {
         return None;
@@ -96,16 +122,9 @@ fn sampled<const N: usize>(
     }
     let rows = [y, y + 1].map(|row| frame.rgb().get((row * w + x) * 3..(row * w + x) * 3 + 6));
     let [Some(top), Some(bottom)] = rows else { return None };
-    let mut result = [0.0; N];
-    for (p, weight) in [
-        (&top[..3], (1.0 - fu) * (1.0 - fv)),
-        (&top[3..], fu * (1.0 - fv)),
-        (&bottom[..3], (1.0 - fu) * fv),
-        (&bottom[3..], fu * fv),
-    ] {
-        result.iter_mut().zip(told([p[0], p[1], p[2]])).for_each(|(r, value)| *r += weight * value);
-    }
-    Some(result)
+    let told = |p: &[u8], weight: f32| told([p[0], p[1], p[2]]) * weight;
+    let top = told(&top[..3], (1.0 - fu) * (1.0 - fv)) + told(&top[3..], fu * (1.0 - fv));
+    Some(top + told(&bottom[..3], (1.0 - fu) * fv) + told(&bottom[3..], fu * fv))
 }
 
 /// Scale of zero-mean noise from the median of its absolute values; `floor` where the picture is flat.

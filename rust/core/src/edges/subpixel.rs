@@ -1,10 +1,11 @@
 //! The sub-pixel course of each side: gradient extremes along the normals of the predicted side (the default detector).
 
-use super::{EdgeDetector, EdgePoint, Tone, linear_light, noise_of, tones};
+use super::{EdgeDetector, EdgePoint, Palette, Tone, noise_of, tones};
 use crate::calibration::Calibration;
 use crate::face::outline::{RoughRectangle, SIDES};
 use crate::image::Frame;
 use crate::units::Px;
+use wide::f32x4;
 
 /// Gradient search along the normals of the predicted sides.
 #[derive(Clone, Copy, Debug, Default)]
@@ -94,7 +95,7 @@ fn profiles(
     side: usize,
     keep_out: &[(Px, f64)],
 ) -> Vec<Profile> {
-    let linear = linear_light();
+    let palette = Palette::get();
     let (across, _) = SIDES[side];
     let (from, to) = rough.span_mm(side);
     let offset = rough.offsets_mm[side];
@@ -104,8 +105,7 @@ fn profiles(
     let groups = (first.distance_px(last) / (SPACING_PX * GROUP as f64)).floor() as usize;
     let mut result = Vec::with_capacity(groups);
     for group in 0..groups {
-        let mut sum = [[0f32; 2]; N];
-        let mut lin = [[0f32; 2]; N];
+        let mut sum = [f32x4::ZERO; N];
         let mut middle = Px::new(0.0, 0.0);
         let mut normal = (0.0, 0.0);
         let mut good = true;
@@ -123,24 +123,23 @@ fn profiles(
             }
             let length = p.distance_px(q).max(1e-9);
             let n = (-(q.v - p.v) / length, (q.u - p.u) / length);
-            for (i, (s, l)) in sum.iter_mut().zip(&mut lin).enumerate() {
+            for (i, s) in sum.iter_mut().enumerate() {
                 let t = i as f64 / PER_PX as f64 - REACH_PX as f64;
                 let (u, v) = (p.u + n.0 * t, p.v + n.1 * t);
-                let Some((tone, light)) = tones(frame, linear, u, v) else {
+                let Some(tones) = tones(frame, palette, u, v) else {
                     good = false;
                     break;
                 };
-                for channel in 0..2 {
-                    s[channel] += tone[channel] / GROUP as f32;
-                    l[channel] += light[channel] / GROUP as f32;
-                }
+                *s += tones * (1.0 / GROUP as f32);
             }
             middle = Px::new(middle.u + p.u / GROUP as f64, middle.v + p.v / GROUP as f64);
             normal = n;
         }
         if good {
             let along = (group as f64 + 0.5) / groups as f64;
-            result.push(Profile { middle, normal, along, tone: sum, light: lin });
+            let tones = sum.map(f32x4::to_array);
+            let (tone, light) = (tones.map(|[b, h, ..]| [b, h]), tones.map(|[.., b, h]| [b, h]));
+            result.push(Profile { middle, normal, along, tone, light });
         }
     }
     result

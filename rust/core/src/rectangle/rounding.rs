@@ -7,12 +7,14 @@ use super::refine::FittedRectangle;
 use super::sharp_edge::{Correction, Rule, middle, normal, outwards};
 use super::stripe_ends::StripeEnds;
 use crate::calibration::Calibration;
-use crate::edges::{linear_light, tones};
+use crate::edges::{light, linear_light};
 use crate::face::outline::{SIDES, span_mm};
 use crate::image::Frame;
 use crate::units::Px;
 use nalgebra::{SMatrix, SVector};
 use std::f64::consts::{FRAC_PI_2, PI};
+use std::ops::Range;
+use wide::f32x8;
 
 /// Brightness across a side in linear light, one sample a px outwards.
 #[derive(Clone, Debug)]
@@ -151,6 +153,7 @@ pub(crate) fn profile(
     let length_px = pixel(0.0, from)?.distance_px(pixel(0.0, to)?);
     let positions = ((length_px / 2.0) as usize).min(MOST_POSITIONS);
     let linear = linear_light();
+    let mut row = vec![0.0; samples];
     let mut blocks = [(); BLOCKS].map(|()| (vec![0.0; samples], 0.0));
     for i in 0..positions {
         let t = (i as f64 + 0.5) / positions as f64;
@@ -164,16 +167,14 @@ pub(crate) fn profile(
             continue;
         }
         let step = 1.0 / (samples - 1) as f64;
-        let row: Option<Vec<f64>> = (0..samples)
-            .map(|k| {
-                let w = k as f64 * step;
-                let (u, v) = (p.u + (q.u - p.u) * w, p.v + (q.v - p.v) * w);
-                tones(frame, linear, u, v).map(|(_, light)| f64::from(light[0]))
-            })
-            .collect();
-        let (sum, count) = &mut blocks[i * BLOCKS / positions];
-        if let Some(row) = row {
-            sum.iter_mut().zip(row).for_each(|(s, value)| *s += value);
+        let seen = row.iter_mut().enumerate().try_for_each(|(k, value)| {
+            let w = k as f64 * step;
+            *value = f64::from(light(frame, linear, p.u + (q.u - p.u) * w, p.v + (q.v - p.v) * w)?);
+            Some(())
+        });
+        if seen.is_some() {
+            let (sum, count) = &mut blocks[i * BLOCKS / positions];
+            sum.iter_mut().zip(&row).for_each(|(s, value)| *s += value);
             *count += 1.0;
         }
     }
@@ -205,15 +206,19 @@ pub(crate) fn profile(
 /// that rise over the arc where it has turned by each of [`RISES_RAD`] (one that sets is one that rises and a difference of the first
 /// three).
 const LIGHTS: usize = 4 + RISES_RAD.len();
-type Lights = SVector<f64, LIGHTS>;
+/// What each of them gives to a sample; the last lane is for the sample itself.
+type Lights = f32x8;
 
-/// The arc of one radius under each of the lights, blurred; `PER_PX` samples a px from `first_px` on, 0 at the sharp edge.
+/// The arc of one radius under each of the lights; `PER_PX` samples a px from `first_px` on, 0 at the sharp edge. All outside of
+/// `changing` is as what lies next to that.
 struct Arc {
     first_px: f64,
     lights: Vec<Lights>,
+    changing: Range<usize>,
 }
 
 impl Arc {
+    /// Sharp, with room for a blur.
     fn new(view: &SideView, radius_mm: f64, blur_px: f64) -> Self {
         let (radius_px, t) = (radius_mm / view.mm_per_px, view.tan);
         let crease = t > 0.0;
@@ -227,48 +232,101 @@ impl Arc {
         // place(turn) / radius = sin turn - t cos turn + t - 1 is a sine itself: its inverse needs no search.
         let (length, phase) = (1.0f64.hypot(t), t.atan());
         let turn_at = |px: f64| ((px / radius_px + 1.0 - t) / length).clamp(-1.0, 1.0).asin() + phase;
-        let behind = Lights::from_fn(|i, _| f64::from(u8::from(i == 3)));
+        let behind = Lights::from([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0]);
         let lit = |turn: f64| {
             let (s, c) = turn.sin_cos();
             let rises = RISES_RAD.map(|rise| (turn - rise).sin().max(0.0));
-            Lights::from_fn(|i, _| [c, s, 1.0 - c - s, 0.0, rises[0], rises[1], rises[2]][i])
+            let [a, b, d] = rises;
+            Lights::from([c, s, 1.0 - c - s, 0.0, a, b, d, 0.0].map(|light| light as f32))
         };
-        let sharp: Vec<Lights> = (0..samples)
-            .map(|i| {
-                let px = first_px + i as f64 / PER_PX as f64;
-                if px <= first {
-                    lit(0.0)
-                } else if px < last {
-                    lit(turn_at(px).clamp(0.0, end))
-                } else if crease {
-                    lit(FRAC_PI_2)
-                } else {
-                    behind
-                }
-            })
-            .collect();
-        Self { first_px, lights: blurred(&sharp, blur_px * PER_PX as f64) }
+        let px_of = |i: usize| first_px + i as f64 / PER_PX as f64;
+        let begin = (0..samples).find(|i| px_of(*i) > first).unwrap_or(samples);
+        let past = (begin..samples).find(|i| px_of(*i) >= last).unwrap_or(samples);
+        let beyond = if crease { lit(FRAC_PI_2) } else { behind };
+        let mut lights = vec![lit(0.0); begin];
+        lights.extend((begin..past).map(|i| lit(turn_at(px_of(i)).clamp(0.0, end))));
+        lights.resize(samples, beyond);
+        Self { first_px, lights, changing: begin..past }
+    }
+
+    /// After a Gaussian blur; what lies beyond the ends goes on as it is there.
+    fn blurred(&self, blur_px: f64) -> Self {
+        let sigma = blur_px * PER_PX as f64;
+        let reach = (3.0 * sigma).ceil() as usize;
+        let bell = |k: usize| (-0.5 * ((k as f64 - reach as f64) / sigma).powi(2)).exp();
+        let total: f64 = (0..=2 * reach).map(bell).sum();
+        let kernel: Vec<f32> = (0..=2 * reach).map(|k| (bell(k) / total) as f32).collect();
+        // What the kernel has before each of its samples.
+        let mut before = vec![0.0];
+        for w in &kernel {
+            before.push(before[before.len() - 1] + w);
+        }
+        let Range { start, end } = self.changing;
+        let changing = start.saturating_sub(reach)..(end + reach).min(self.lights.len());
+        let (first, last) = (self.lights[0], self.lights[self.lights.len() - 1]);
+        let mut lights = self.lights.clone();
+        for i in changing.clone() {
+            // Sample m counts with kernel[m + reach - i]: the constant ends at once, what changes one by one.
+            let part = |m: usize| (m + reach).saturating_sub(i).min(kernel.len());
+            let (from, to) = (part(start), part(end));
+            let between = kernel[from..to].iter().zip(&self.lights[i + from - reach..]);
+            let sum = between.fold(Lights::ZERO, |sum, (w, light)| sum + *light * *w);
+            lights[i] = first * before[from] + sum + last * (1.0 - before[to]);
+        }
+        Self { first_px: self.first_px, lights, changing }
+    }
+
+    /// Outside of this it is as at its ends, px.
+    fn changing_px(&self) -> (f64, f64) {
+        let px = |i: usize| self.first_px + i as f64 / PER_PX as f64;
+        (px(self.changing.start) - 1.0, px(self.changing.end) + 1.0)
     }
 
     fn at(&self, px: f64) -> Lights {
         let last = self.lights.len() - 1;
         let place = ((px - self.first_px) * PER_PX as f64).clamp(0.0, last as f64);
-        let low = (place as usize).min(last - 1);
-        let w = place - low as f64;
+        let low = (place as u32 as usize).min(last - 1);
+        let w = (place - low as f64) as f32;
         self.lights[low] * (1.0 - w) + self.lights[low + 1] * w
     }
 }
 
-/// A Gaussian blur; what lies beyond the ends goes on as it is there.
-fn blurred(values: &[Lights], sigma: f64) -> Vec<Lights> {
-    let reach = (3.0 * sigma).ceil() as isize;
-    let kernel: Vec<f64> = (-reach..=reach).map(|k| (-0.5 * (k as f64 / sigma).powi(2)).exp()).collect();
-    let sum: f64 = kernel.iter().sum();
-    let last = values.len() as isize - 1;
-    let part = |i: isize| {
-        (-reach..).zip(&kernel).map(|(k, w)| values[(i + k).clamp(0, last) as usize] * (w / sum)).sum()
-    };
-    (0..=last).map(part).collect()
+/// Normal equations for the lights, row by row; the right side is the last lane.
+#[derive(Clone, Copy)]
+struct Equations([Lights; LIGHTS]);
+
+impl Equations {
+    /// Adds samples under the same lights: their weights and weighted values.
+    fn add(&mut self, lights: Lights, weight: f64, weighted: f64) {
+        let each = lights.to_array();
+        let mut row = (lights * weight as f32).to_array();
+        row[LIGHTS] = weighted as f32;
+        let row = Lights::from(row);
+        for (sum, light) in self.0.iter_mut().zip(each) {
+            *sum += row * light;
+        }
+    }
+
+    /// How much of the weighted squares the best lights explain, by Cholesky's way; `None` where they are not fixed.
+    fn explained(&self) -> Option<f64> {
+        let mut lower = self.0.map(|row| row.to_array().map(f64::from));
+        let mut solved = lower.map(|row| row[LIGHTS]);
+        let mut explained = 0.0;
+        for a in 0..LIGHTS {
+            for b in 0..=a {
+                let before: f64 = lower[a].iter().zip(&lower[b]).take(b).map(|(x, y)| x * y).sum();
+                let rest = lower[a][b] - before;
+                if a == b && (rest <= 0.0 || rest.is_nan()) {
+                    return None;
+                }
+                lower[a][b] = if a == b { rest.sqrt() } else { rest / lower[b][b] };
+            }
+            let before: f64 = lower[a].iter().zip(&solved).take(a).map(|(x, y)| x * y).sum();
+            solved[a] = (solved[a] - before) / lower[a][a];
+            explained += solved[a] * solved[a];
+        }
+        Some(explained)
+    }
 }
 
 /// How well each radius and place explain a profile; `None` if none does.
@@ -290,32 +348,46 @@ pub(crate) fn explain(profile: &EdgeProfile, rule: &Rule, view: &SideView) -> Op
     // What is known of light beforehand.
     let known = [(1, turned), (2, EVEN), (4, lamp), (5, lamp), (6, lamp)]
         .map(|(i, (mean, sigma))| (i, mean * usual, (sigma * usual).powi(-2)));
+    let mut beforehand = [[0.0; LIGHTS + 1]; LIGHTS];
+    // A light that nothing shows is as good as none.
+    (0..LIGHTS).for_each(|light| beforehand[light][light] = 1e-12);
+    // Weights, weighted values and their squares of all samples before each.
+    let mut sums = vec![(0.0, 0.0)];
+    let mut total = 0.0;
+    for (value, weight) in profile.light.iter().zip(&weights) {
+        let (w, v) = sums[sums.len() - 1];
+        sums.push((w + weight, v + weight * value));
+        total += weight * value * value;
+    }
+    for (light, value, weight) in known {
+        beforehand[light][light] += weight as f32;
+        beforehand[light][LIGHTS] = (weight * value) as f32;
+        total += weight * value * value;
+    }
+    let beforehand = Equations(beforehand.map(Lights::from));
     let mut chi2 = Table::repeat(f64::INFINITY);
     for (i, mut row) in chi2.row_iter_mut().enumerate() {
         let radius_mm = radius_mm(i);
         let (mean_mm, sigma_mm) = expected_mm(rule, view, radius_mm);
         for blur_px in BLURS_PX {
-            let arc = Arc::new(view, radius_mm, blur_px);
+            let arc = Arc::new(view, radius_mm, blur_px).blurred(blur_px);
+            let (from_px, to_px) = arc.changing_px();
             let unusual = ((blur_px / BLUR.0).ln() / BLUR.1).powi(2);
             for (j, best) in row.iter_mut().enumerate() {
-                let sharp_px = (mean_mm + place_sigmas(j) * sigma_mm) / view.mm_per_px;
-                let mut information = SMatrix::<f64, LIGHTS, LIGHTS>::identity() * 1e-12;
-                let mut right = Lights::zeros();
-                let mut total = 0.0;
-                for (k, (value, weight)) in profile.light.iter().zip(&weights).enumerate() {
-                    let lights = arc.at(k as f64 - profile.inside_px as f64 - sharp_px);
-                    information += lights * lights.transpose() * *weight;
-                    right += lights * (weight * value);
-                    total += weight * value * value;
+                // The sharp edge is at this sample.
+                let edge = profile.inside_px as f64 + (mean_mm + place_sigmas(j) * sigma_mm) / view.mm_per_px;
+                let first = ((from_px + edge).max(0.0) as usize).min(samples);
+                let last = ((to_px + edge).max(0.0) as usize).clamp(first, samples);
+                let mut equations = beforehand;
+                equations.add(arc.at(f64::NEG_INFINITY), sums[first].0, sums[first].1);
+                let samples = profile.light.iter().zip(&weights).enumerate();
+                for (k, (value, weight)) in samples.take(last).skip(first) {
+                    equations.add(arc.at(k as f64 - edge), *weight, weight * value);
                 }
-                for (light, value, weight) in known {
-                    information[(light, light)] += weight;
-                    right[light] += weight * value;
-                    total += weight * value * value;
-                }
-                let Some(cholesky) = information.cholesky() else { continue };
-                let chi2 = (total - right.dot(&cholesky.solve(&right))).max(0.0) + unusual;
-                *best = best.min(chi2);
+                let (w, v) = sums[sums.len() - 1];
+                equations.add(arc.at(f64::INFINITY), w - sums[last].0, v - sums[last].1);
+                let Some(explained) = equations.explained() else { continue };
+                *best = best.min((total - explained).max(0.0) + unusual);
             }
         }
     }
