@@ -13,7 +13,8 @@ use crate::face_lines::view::FacePose;
 use crate::feasibility::{self, Hint};
 use crate::frames::{Cam, Plane};
 use crate::image::Frame;
-use crate::image::redness::{Diagonal, RidgeMap, faint_ridge_map, half_redness, ridge_map};
+use crate::image::bands::band_maps;
+use crate::image::redness::{Diagonal, RidgeMap, faint_ridge_map, half_redness};
 use crate::measurement::{
     BoxReport, DepthSeen, EdgeMethod, FaceMeasurement, FaceOutcome, Outcome, Settings, StageTimes,
 };
@@ -158,9 +159,8 @@ struct Task<'a> {
 
 fn face_stages(task: &Task, clock: &mut Clock<'_>) -> Result<Vec<FaceMeasurement>, Reject> {
     let Task { frame, calibration, maps, .. } = *task;
-    let (width, height, redness) = half_redness(frame);
     let diagonals = grid_search::diagonals(calibration);
-    let ridges = diagonals.map(|d: Diagonal| ridge_map(width, height, &redness, d));
+    let ridges = band_maps(frame, diagonals);
     clock.lap("ridge");
     let planes =
         grid_search::find_planes(calibration, &evidence(&ridges, maps), grid_search::IN_RIDGES, PLANES);
@@ -179,6 +179,7 @@ fn face_stages(task: &Task, clock: &mut Clock<'_>) -> Result<Vec<FaceMeasurement
         return Err(Reject::StripeMissing { laser, stripes_on_face: 3 });
     }
     let seen = clock.seen.take();
+    let (width, height, redness) = half_redness(frame);
     let faint = diagonals.map(|d: Diagonal| faint_ridge_map(width, height, &redness, d));
     let evidence = evidence(&faint, maps);
     let planes = grid_search::find_planes(calibration, &evidence, grid_search::IN_FAINT_RIDGES, PLANES);

@@ -6,7 +6,8 @@ use super::extent::{Sight, crossing_px, inner_segments};
 use crate::calibration::Calibration;
 use crate::frames::{Cam, Plane};
 use crate::image::Frame;
-use crate::image::redness::{Diagonal, faint_ridge_map, half_redness, ridge_map};
+use crate::image::bands::band_maps;
+use crate::image::redness::{Diagonal, faint_ridge_map, half_redness};
 use crate::paper_head::paper_head;
 use crate::stripe::grid_search::{
     Evidence, GridHypothesis, IN_FAINT_RIDGES, IN_RIDGES, climb, diagonals, find_planes,
@@ -130,11 +131,14 @@ fn bars(noise: &mut Noise, width: usize, height: usize) -> Vec<Option<f64>> {
 
 /// As the pipeline searches: in the narrow map, then in the wide one.
 fn planes_in(frame: &Frame, calibration: &Calibration, sight: Sight) -> Vec<GridHypothesis> {
-    let (width, height, redness) = half_redness(frame);
-    let ridges = diagonals(calibration).map(|d: Diagonal| match sight {
-        Sight::Clear => ridge_map(width, height, &redness, d),
-        Sight::Faint => faint_ridge_map(width, height, &redness, d),
-    });
+    let diagonals = diagonals(calibration);
+    let ridges = match sight {
+        Sight::Clear => band_maps(frame, diagonals),
+        Sight::Faint => {
+            let (width, height, redness) = half_redness(frame);
+            diagonals.map(|d: Diagonal| faint_ridge_map(width, height, &redness, d))
+        }
+    };
     let evidence = LaserId::ALL.map(|id| Evidence::ridge(&ridges[id.index() / 2]));
     match sight {
         Sight::Clear => find_planes(calibration, &evidence, IN_RIDGES, 4),

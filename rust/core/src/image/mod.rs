@@ -1,5 +1,6 @@
 //! Storage and sampling of pixels; knows no geometry.
 
+pub(crate) mod bands;
 pub(crate) mod redness;
 
 use crate::error::{Error, ErrorKind};

@@ -16,29 +16,57 @@ pub(crate) enum Diagonal {
 pub(crate) struct RidgeMap {
     pub width: usize,
     pub height: usize,
+    pub(super) layout: Layout,
     /// Ridge strength / local noise, clipped to +-[`Z_CLIP`], times [`Z_STEPS`].
-    z: Vec<i8>,
+    pub(super) z: Vec<i8>,
 }
+
+/// Where a pixel is found in a map: column `columns . (u, v) + first` and row `rows * v`, with u and v from the picture's corner; where
+/// rows of the map lie aslant in the picture, each begins `lean` columns farther on than the last.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Layout {
+    pub columns: [f32; 2],
+    pub first: f32,
+    pub rows: f32,
+    pub lean: i32,
+    /// Samples along a line this far apart tell all that the map has.
+    pub every_px: f32,
+}
+
+impl Layout {
+    /// A map whose pixels are `1 / scale` px large.
+    pub const fn even(scale: [f32; 2], every_px: f32) -> Self {
+        Self { columns: [scale[0], 0.0], first: 0.0, rows: scale[1], lean: 0, every_px }
+    }
+}
+
+/// Of a map with each half-resolution row, whose places share half of their pixels with their neighbours along a stripe.
+const HALF: Layout = Layout::even([0.5; 2], 9.0);
 
 /// Strengths beyond this many sigmas count no more: one bright spot must not stand for a stripe.
 pub(crate) const Z_CLIP: f32 = 3.0;
 /// Quantisation of the ridge map: 127 / 3 steps per sigma at most.
 pub(crate) const Z_STEPS: f32 = 42.0;
 /// Pixels (half resolution) added up along the diagonal: 5 keep a stripe together that strays 15 degrees from it.
-const ALONG: usize = 5;
+pub(super) const ALONG: usize = 5;
 /// Distance (half-resolution px, along a row) from the stripe to the background it is compared with. A stripe is about
 /// 16 px wide at its foot (2 mrad fan at 2450 px focal length); along a row at 45 degrees that is 11 half px.
-const ACROSS: usize = 8;
+pub(super) const ACROSS: usize = 8;
 /// Edge of the blocks in which the noise is estimated, half-resolution px.
-const BLOCK: usize = 32;
+pub(super) const BLOCK: usize = 32;
 
 impl RidgeMap {
+    /// Where its values belong.
+    pub(crate) fn layout(&self) -> Layout {
+        self.layout
+    }
+
     /// All values in sigmas times [`Z_STEPS`], rows top to bottom.
     pub(crate) fn steps(&self) -> &[i8] {
         &self.z
     }
 
-    /// Value in sigmas times [`Z_STEPS`]; 0 outside the map. `u`, `v` in full-resolution px.
+    /// Value in sigmas times [`Z_STEPS`]; 0 outside the map. `u`, `v` in full-resolution px. For maps with each half-resolution row.
     #[inline]
     pub(crate) fn at_px(&self, u: f32, v: f32) -> i32 {
         let (i, j) = ((u * 0.5 + 0.25) as i32, (v * 0.5 + 0.25) as i32);
@@ -95,19 +123,8 @@ pub(crate) fn ridge_map(width: usize, height: usize, redness: &[i16], diagonal: 
             {
                 continue;
             }
-            let n = width - 2 * ACROSS;
-            let (left, here, right) = (&sum[..n], &sum[ACROSS..][..n], &sum[2 * ACROSS..][..n]);
-            let out = &mut ridge[r * width + ACROSS..][..n];
-            // Differences of two sums, at most 20400: nothing wraps here, and unchecked it becomes vector code.
-            for (((o, l), h), r) in out.iter_mut().zip(left).zip(here).zip(right) {
-                *o = h.wrapping_sub(*l).min(h.wrapping_sub(*r));
-            }
-            if r % 2 == 0 {
-                let flat = &mut slope[r / 2 * width + ACROSS..][..n];
-                for ((f, h), r) in flat.iter_mut().zip(here).zip(right) {
-                    *f = h.wrapping_sub(*r).wrapping_abs();
-                }
-            }
+            let flat = (r % 2 == 0).then(|| &mut slope[r / 2 * width..][..width]);
+            compare(&sum, &mut ridge[r * width..][..width], flat);
         }
         for block_left in (0..width).step_by(BLOCK) {
             let columns = BLOCK.min(width - block_left);
@@ -115,21 +132,54 @@ pub(crate) fn ridge_map(width: usize, height: usize, redness: &[i16], diagonal: 
             for row in slope.chunks_exact(width.max(1)).take(rows.div_ceil(2)) {
                 sample.extend(row[block_left..][..columns].iter().step_by(2));
             }
-            // Median of |difference| is 0.6745 sigma; the floor is half a grey level per pixel (8 x 5 sums): JPEG's own step.
-            let sigma = (f32::from(median(&sample)) / 0.6745).max(0.5 * 8.0 * ALONG as f32 / 2.0);
-            let most = (Z_CLIP * sigma).min(f32::from(i16::MAX)) as i16;
-            let gain = (GAIN_ONE as f32 * Z_STEPS / sigma).round() as i16;
+            let gain = Gain::new(&sample);
             for r in 0..rows {
                 let from = &ridge[r * width + block_left..][..columns];
-                let to = &mut z[(block_top + r) * width + block_left..][..columns];
-                for (o, x) in to.iter_mut().zip(from) {
-                    let steps = i32::from((*x).clamp(-most, most)).wrapping_mul(i32::from(gain));
-                    *o = (steps.wrapping_add(GAIN_ONE / 2) >> GAIN_ONE.ilog2()) as i8;
-                }
+                gain.steps(from, &mut z[(block_top + r) * width + block_left..][..columns]);
             }
         }
     }
-    RidgeMap { width, height, z }
+    RidgeMap { width, height, layout: HALF, z }
+}
+
+/// From the sums of a row: its ridge, and where it is wanted how much it changes. Differences of two sums are at most 20400: nothing
+/// wraps here, and unchecked it becomes vector code.
+pub(super) fn compare(sum: &[i16], ridge: &mut [i16], slope: Option<&mut [i16]>) {
+    let n = sum.len() - 2 * ACROSS;
+    let (left, here, right) = (&sum[..n], &sum[ACROSS..][..n], &sum[2 * ACROSS..][..n]);
+    for (((o, l), h), r) in ridge[ACROSS..][..n].iter_mut().zip(left).zip(here).zip(right) {
+        *o = h.wrapping_sub(*l).min(h.wrapping_sub(*r));
+    }
+    if let Some(slope) = slope {
+        for ((f, h), r) in slope[ACROSS..][..n].iter_mut().zip(here).zip(right) {
+            *f = h.wrapping_sub(*r).wrapping_abs();
+        }
+    }
+}
+
+/// From ridges to steps of the map.
+pub(super) struct Gain {
+    most: i16,
+    gain: i16,
+}
+
+impl Gain {
+    /// By a sample of how much the sums change.
+    pub(super) fn new(slopes: &[i16]) -> Self {
+        // Median of |difference| is 0.6745 sigma; the floor is half a grey level per pixel (8 x 5 sums): JPEG's own step.
+        let sigma = (f32::from(median(slopes)) / 0.6745).max(0.5 * 8.0 * ALONG as f32 / 2.0);
+        Self {
+            most: (Z_CLIP * sigma).min(f32::from(i16::MAX)) as i16,
+            gain: (GAIN_ONE as f32 * Z_STEPS / sigma).round() as i16,
+        }
+    }
+
+    pub(super) fn steps(&self, ridge: &[i16], steps: &mut [i8]) {
+        for (o, x) in steps.iter_mut().zip(ridge) {
+            let steps = i32::from((*x).clamp(-self.most, self.most)).wrapping_mul(i32::from(self.gain));
+            *o = (steps.wrapping_add(GAIN_ONE / 2) >> GAIN_ONE.ilog2()) as i8;
+        }
+    }
 }
 
 /// Unit of the gain from ridge to steps, a whole number: the largest gain, at the noise's floor, is 4.2 of it and fits 16 bits; at
@@ -244,7 +294,7 @@ pub(crate) fn faint_ridge_map(width: usize, height: usize, redness: &[i16], diag
             }
         }
     }
-    RidgeMap { width, height, z }
+    RidgeMap { width, height, layout: HALF, z }
 }
 
 #[cfg(test)]

@@ -1,5 +1,7 @@
 //! Adds up a map along a curve of the image: the innermost loop of the search for the stripes' grid, in whole numbers.
 
+use crate::image::redness::Layout;
+
 /// Places along the parabola through three pixels.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Curve {
@@ -38,18 +40,18 @@ impl Curve {
         Self { from: a, step, longer: bend.map(|x| -8.0 * x * h * h), steps }
     }
 
-    /// Sum of a map of `size` whose pixels are `1 / scale` px large; nothing outside of it.
-    pub fn sum(&self, map: &[i8], [width, height]: [usize; 2], scale: [f32; 2]) -> i32 {
-        let fixed = |px: f32, axis: usize| (f64::from(px * scale[axis]) * (1u64 << FRACTION) as f64) as i64;
-        // The image begins half a pixel before the centre of its first one.
-        let mut x = fixed(self.from[0] + 0.5, 0);
-        let mut y = fixed(self.from[1] + 0.5, 1);
-        let (mut dx, mut dy) = (fixed(self.step[0], 0), fixed(self.step[1], 1));
-        let (ddx, ddy) = (fixed(self.longer[0], 0), fixed(self.longer[1], 1));
+    /// Sum of a map of `size`; nothing outside of it.
+    pub fn sum(&self, map: &[i8], [width, height]: [usize; 2], layout: &Layout) -> i32 {
+        let fixed = |place: f32| (f64::from(place) * (1u64 << FRACTION) as f64) as i64;
+        let [mut x, mut y] = layout.place(self.from).map(fixed);
+        let [mut dx, mut dy] = layout.way(self.step).map(fixed);
+        let [ddx, ddy] = layout.way(self.longer).map(fixed);
+        let lean = i64::from(layout.lean);
         let mut sum = 0;
         for _ in 0..=self.steps {
+            let row = y >> FRACTION;
             // A negative place is a huge one.
-            let (i, j) = ((x >> FRACTION) as usize, (y >> FRACTION) as usize);
+            let (i, j) = ((x >> FRACTION).wrapping_add(row.wrapping_mul(lean)) as usize, row as usize);
             if i < width && j < height {
                 sum += map.get(j * width + i).copied().map_or(0, i32::from);
             }
@@ -61,27 +63,39 @@ impl Curve {
     }
 }
 
+impl Layout {
+    /// Column and row of a pixel, without the row's lean. The image begins half a pixel before the centre of its first one.
+    fn place(&self, px: [f32; 2]) -> [f32; 2] {
+        let [column, row] = self.way(px.map(|x| x + 0.5));
+        [column + self.first, row]
+    }
+
+    /// Columns and rows that a way in the image goes.
+    fn way(&self, [du, dv]: [f32; 2]) -> [f32; 2] {
+        [self.columns[0] * du + self.columns[1] * dv, self.rows * dv]
+    }
+}
+
 /// Sums of a map, as [`Curve::sum`] has them, along straight lines from one place to each of many in `steps` even steps.
 ///
 /// Line by line within each step, so that the places themselves are vector code.
 pub(crate) fn fan_sums(
     map: &[i8],
     width: usize,
-    scale: [f32; 2],
+    layout: &Layout,
     from: [f32; 2],
     ends: &[[f32; 2]],
     steps: u32,
 ) -> Vec<i32> {
     // 1/65536 px: a line's end is missed by less than a thousandth.
-    let fixed = |px: f32, axis: usize| (px * scale[axis] * 65536.0) as i32;
-    let along = |axis: usize| {
-        let first = fixed(from[axis] + 0.5, axis);
-        let step = |end: &[f32; 2]| fixed((end[axis] - from[axis]) / steps as f32, axis);
-        (vec![first; ends.len()], ends.iter().map(step).collect::<Vec<i32>>())
-    };
-    let ((mut x, dx), (mut y, dy)) = (along(0), along(1));
+    let fixed = |place: f32| (place * 65536.0) as i32;
+    let [first_x, first_y] = layout.place(from).map(fixed);
+    let way = |end: &[f32; 2]| layout.way([0, 1].map(|i| (end[i] - from[i]) / steps as f32)).map(fixed);
+    let (dx, dy): (Vec<i32>, Vec<i32>) = ends.iter().map(|end| way(end).into()).unzip();
+    let (mut x, mut y) = (vec![first_x; ends.len()], vec![first_y; ends.len()]);
     let mut sums = vec![0i32; ends.len()];
-    let stride = width as i32;
+    // A row's lean makes it begin so much farther on.
+    let stride = (width as i32).wrapping_add(layout.lean);
     for _ in 0..=steps {
         for ((sum, x), y) in sums.iter_mut().zip(&x).zip(&y) {
             let at = (y >> 16).wrapping_mul(stride).wrapping_add(x >> 16);
@@ -97,6 +111,8 @@ pub(crate) fn fan_sums(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    const HALF: Layout = Layout::even([0.5; 2], 9.0);
     use proptest::prelude::*;
 
     proptest! {
@@ -131,7 +147,7 @@ mod tests {
                 }
             }
             for (map, want) in [(&columns, want[0]), (&rows, want[1])] {
-                let found = curve.sum(map, [width, height], [0.5; 2]) as f32;
+                let found = curve.sum(map, [width, height], &HALF) as f32;
                 prop_assert!((found - want).abs() <= unsure, "{found} for {want}");
             }
         }
@@ -146,11 +162,11 @@ mod tests {
         ) {
             // A slope, so that a neighbouring pixel differs by one.
             let map: Vec<i8> = (0..80 * 80).map(|i| (i % 80 + i / 80 - 80) as i8).collect();
-            let sums = fan_sums(&map, 80, [0.5; 2], from, &ends, steps);
+            let sums = fan_sums(&map, 80, &HALF, from, &ends, steps);
             prop_assert_eq!(sums.len(), ends.len());
             for (end, found) in ends.iter().zip(sums) {
                 let chord = [0, 1].map(|i| (end[i] - from[i]) / steps as f32);
-                let want = Curve { from, step: chord, longer: [0.0; 2], steps }.sum(&map, [80, 80], [0.5; 2]);
+                let want = Curve { from, step: chord, longer: [0.0; 2], steps }.sum(&map, [80, 80], &HALF);
                 prop_assert!((found - want).abs() <= 3, "{} for {}", found, want);
             }
         }
@@ -162,9 +178,9 @@ mod tests {
         for far in [1e9, -1e9, f32::INFINITY, f32::NAN] {
             let curve = Curve::new([far, 0.0], [far, 1.0], [far, 2.0], 3.0);
             if far.is_finite() {
-                assert_eq!(curve.sum(&map, [4, 4], [0.5; 2]), 0);
+                assert_eq!(curve.sum(&map, [4, 4], &HALF), 0);
             } else {
-                curve.sum(&map, [4, 4], [0.5; 2]); // no harm
+                curve.sum(&map, [4, 4], &HALF); // no harm
             }
         }
     }

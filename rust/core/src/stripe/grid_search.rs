@@ -2,14 +2,15 @@
 //!
 //! Stripes i (1, 2) and j (3, 4) cross inside every measurable face, because each joins two opposite edges of it. The
 //! crossing (i, j) lies on the line where two laser planes meet, so its place in the image is linear in its inverse depth
-//! `w`. The stripe between two crossings depends on just their two inverse depths: four tables `E_k(w, w')` of the mean
-//! ridge strength hold all evidence, and a plane (three inverse depths, the fourth follows) is scored by four look-ups.
+//! `w`. The stripe between two crossings depends on just their two inverse depths: the mean ridge strengths `E_k(w, w')` of
+//! four segments hold all evidence for a plane (three inverse depths, the fourth follows).
 //! Adding up some 400 px on each of four segments finds stripes that no single pixel shows.
 
 use super::curve::{Curve, fan_sums, steps_for};
 use crate::calibration::Calibration;
+use crate::camera::CameraModel;
 use crate::frames::{Cam, Plane, Ray};
-use crate::image::redness::{Diagonal, RidgeMap, Z_CLIP, Z_STEPS};
+use crate::image::redness::{Diagonal, Layout, RidgeMap, Z_CLIP, Z_STEPS};
 use crate::network::{Channel, FaceMaps};
 use crate::units::{LaserId, Px};
 use nalgebra::{Matrix3, Vector3};
@@ -38,8 +39,6 @@ const STEP_PX: f64 = 4.0;
 const MAX_RATIO: f64 = 1.5;
 /// cos of the largest tilt between the face's normal and the ray to its middle (65 degrees).
 const MIN_COS_TILT: f64 = 0.42;
-/// One sample every so many px; the ridge map adds up 10 px along the diagonal already.
-const SAMPLE_PX: f32 = 9.0;
 /// A first look at every so many px, straight (distortion bends a segment by 3 px at most), drops segments whose mean is
 /// below [`Least::coarse`]: noise has -0.56 with a scatter of 0.3 then, a stripe worth finding 0.3 and more.
 const COARSE_PX: f32 = 36.0;
@@ -71,7 +70,7 @@ pub(crate) struct Evidence<'a> {
 struct Layer {
     width: usize,
     height: usize,
-    scale: [f32; 2],
+    layout: Layout,
     steps: Vec<i8>,
 }
 
@@ -95,7 +94,8 @@ impl<'a> Evidence<'a> {
             (logit.clamp(-MOST_LOGIT, MOST_LOGIT) * SIGMAS_PER_LOGIT * Z_STEPS) as i8
         });
         let scale = [0, 1].map(|i| (one[i] - zero[i]) as f32);
-        Self { ridge, network: Some(Layer { width, height, scale, steps: steps.collect() }) }
+        let layout = Layout::even(scale, ridge.layout().every_px);
+        Self { ridge, network: Some(Layer { width, height, layout, steps: steps.collect() }) }
     }
 
     /// The most that a segment can have, sigmas.
@@ -103,11 +103,16 @@ impl<'a> Evidence<'a> {
         Z_CLIP + if self.network.is_some() { MOST_LOGIT * SIGMAS_PER_LOGIT } else { 0.0 }
     }
 
+    /// Samples this far apart tell all.
+    fn every_px(&self) -> f32 {
+        self.ridge.layout().every_px
+    }
+
     /// Sum along a curve, sigmas times [`Z_STEPS`].
     fn sum(&self, curve: &Curve) -> i32 {
-        // Half-resolution pixel i covers full pixels 2 i and 2 i + 1.
-        let ridge = curve.sum(self.ridge.steps(), [self.ridge.width, self.ridge.height], [0.5; 2]);
-        ridge + self.network.as_ref().map_or(0, |l| curve.sum(&l.steps, [l.width, l.height], l.scale))
+        let map = self.ridge;
+        let ridge = curve.sum(map.steps(), [map.width, map.height], &map.layout());
+        ridge + self.network.as_ref().map_or(0, |l| curve.sum(&l.steps, [l.width, l.height], &l.layout))
     }
 }
 
@@ -118,9 +123,10 @@ impl Evidence<'_> {
         let length = |end: &[f32; 2]| (end[0] - from[0]).hypot(end[1] - from[1]);
         let longest = ends.first().map_or(0.0, length).max(ends.last().map_or(0.0, length));
         let steps = steps_for(longest, every_px);
-        let mut sums = fan_sums(self.ridge.steps(), self.ridge.width, [0.5; 2], from, ends, steps);
+        let map = self.ridge;
+        let mut sums = fan_sums(map.steps(), map.width, &map.layout(), from, ends, steps);
         if let Some(layer) = &self.network {
-            let more = fan_sums(&layer.steps, layer.width, layer.scale, from, ends, steps);
+            let more = fan_sums(&layer.steps, layer.width, &layer.layout, from, ends, steps);
             sums.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
         }
         sums.into_iter().map(|sum| sum as f32 / (steps + 1) as f32 / Z_STEPS).collect()
@@ -180,42 +186,22 @@ pub(crate) fn find_planes(
         crossing
     });
     let [c13, c14, c23, c24] = &crossings;
-    let table = |from: &Crossing, to: &Crossing, map: &Evidence| {
-        let mut e = vec![NONE; levels * levels];
-        for n in 0..levels {
-            let Some(a) = from.px[n] else { continue };
-            // Levels between which neither inverse depth is more than MAX_RATIO times the other.
-            let level = |w: f64| ((w - w_min) / step).clamp(0.0, (levels - 1) as f64);
-            let near = level(w_of(n) / MAX_RATIO).ceil() as usize..=level(w_of(n) * MAX_RATIO) as usize;
-            let (ms, ends): (Vec<usize>, Vec<[f32; 2]>) = near.filter_map(|m| Some((m, to.px[m]?))).unzip();
-            let coarse = map.means_of_fan(a, &ends, COARSE_PX);
-            for ((m, b), coarse) in ms.into_iter().zip(ends).zip(coarse) {
-                if coarse < least.coarse {
-                    continue;
-                }
-                let middle = (from.ray(w_of(n)) + to.ray(w_of(m))) * 0.5;
-                if let Some(c) = camera.px_from_ray(&Ray::new(middle.x, middle.y)) {
-                    e[n * levels + m] = mean_along(map, a, [c.u as f32, c.v as f32], b, SAMPLE_PX);
-                }
-            }
-        }
-        e
-    };
-    let e1 = table(c13, c14, &evidence[0]);
-    let e2 = table(c23, c24, &evidence[1]);
-    let e3 = table(c13, c23, &evidence[2]);
-    let e4 = table(c14, c24, &evidence[3]);
-
+    let scale = Scale { camera, w_min, step, levels, least };
+    // Two laser pairs' segments from one crossing start a hypothesis; of the others just those that close one are looked at.
+    let (mut e2, mut e4) =
+        (Segments::new(&scale, c23, c24, &evidence[1]), Segments::new(&scale, c14, c24, &evidence[3]));
     let mut best = Best::new(keep, 4.0 * least.total);
     for n13 in 0..levels {
-        let row1: Vec<usize> = (0..levels).filter(|m| e1[n13 * levels + m] > least.segment).collect();
-        let row3: Vec<usize> = (0..levels).filter(|m| e3[n13 * levels + m] > least.segment).collect();
+        let row1 = strong(&scale, c13, c14, &evidence[0], n13);
+        if row1.is_empty() {
+            continue;
+        }
+        let row3 = strong(&scale, c13, c23, &evidence[2], n13);
         let x13 = c13.ray(w_of(n13));
-        for &n14 in &row1 {
+        for &(n14, s1) in &row1 {
             let x14 = c14.ray(w_of(n14));
-            for &n23 in &row3 {
+            for &(n23, s3) in &row3 {
                 let x23 = c23.ray(w_of(n23));
-                let (s1, s3) = (e1[n13 * levels + n14], e3[n13 * levels + n23]);
                 if s1 + s3 + 2.0 * evidence[0].most() <= best.floor() {
                     continue; // even two perfect segments would not be enough
                 }
@@ -233,13 +219,17 @@ pub(crate) fn find_planes(
                     continue;
                 }
                 let n24 = level as usize;
-                let (s2, s4) = (e2[n23 * levels + n24], e4[n14 * levels + n24]);
-                let sum = s1 + s2 + s3 + s4;
-                if s2 <= least.segment || s4 <= least.segment || sum <= best.floor() {
-                    continue;
-                }
                 let middle = (x13 + x14 + x23 + x24) * 0.25;
                 if q.dot(&middle) / (q.norm() * middle.norm()) < MIN_COS_TILT {
+                    continue;
+                }
+                let s2 = e2.at(n23, n24);
+                if s2 <= least.segment || s1 + s2 + s3 + evidence[3].most() <= best.floor() {
+                    continue;
+                }
+                let s4 = e4.at(n14, n24);
+                let sum = s1 + s2 + s3 + s4;
+                if s4 <= least.segment || sum <= best.floor() {
                     continue;
                 }
                 best.offer(sum, [n13, n14, n23, n24], q, [s1, s2, s3, s4]);
@@ -247,6 +237,76 @@ pub(crate) fn find_planes(
         }
     }
     best.into_hypotheses()
+}
+
+/// The levels of inverse depth that are searched, and what a segment must have.
+struct Scale<'a> {
+    camera: &'a CameraModel,
+    w_min: f64,
+    step: f64,
+    levels: usize,
+    least: Least,
+}
+
+impl Scale<'_> {
+    fn w_of(&self, level: usize) -> f64 {
+        self.w_min + level as f64 * self.step
+    }
+
+    /// Levels of the next crossing: neither inverse depth is more than [`MAX_RATIO`] times the other.
+    fn near(&self, level: usize) -> std::ops::RangeInclusive<usize> {
+        let of = |w: f64| ((w - self.w_min) / self.step).clamp(0.0, (self.levels - 1) as f64);
+        of(self.w_of(level) / MAX_RATIO).ceil() as usize..=of(self.w_of(level) * MAX_RATIO) as usize
+    }
+
+    /// Mean of the map between two crossings at their levels; [`NONE`] outside of the image.
+    fn mean(&self, map: &Evidence, from: (&Crossing, usize), to: (&Crossing, usize)) -> f32 {
+        let middle = (from.0.ray(self.w_of(from.1)) + to.0.ray(self.w_of(to.1))) * 0.5;
+        let middle = self.camera.px_from_ray(&Ray::new(middle.x, middle.y));
+        match (from.0.px[from.1], middle, to.0.px[to.1]) {
+            (Some(a), Some(c), Some(b)) => mean_along(map, a, [c.u as f32, c.v as f32], b, map.every_px()),
+            _ => NONE,
+        }
+    }
+}
+
+/// The segments from one crossing to the next that are strong enough: level there and strength.
+fn strong(scale: &Scale, from: &Crossing, to: &Crossing, map: &Evidence, level: usize) -> Vec<(usize, f32)> {
+    let Some(a) = from.px[level] else { return Vec::new() };
+    let (ms, ends): (Vec<usize>, Vec<[f32; 2]>) =
+        scale.near(level).filter_map(|m| Some((m, to.px[m]?))).unzip();
+    let coarse = map.means_of_fan(a, &ends, COARSE_PX);
+    ms.into_iter()
+        .zip(coarse)
+        .filter(|(_, coarse)| *coarse >= scale.least.coarse)
+        .map(|(m, _)| (m, scale.mean(map, (from, level), (to, m))))
+        .filter(|(_, mean)| *mean > scale.least.segment)
+        .collect()
+}
+
+/// Segments from one crossing to the next that are looked at when they are asked for.
+struct Segments<'a> {
+    scale: &'a Scale<'a>,
+    from: &'a Crossing,
+    to: &'a Crossing,
+    map: &'a Evidence<'a>,
+    /// Strength by both levels, 0 where nobody has asked.
+    seen: Vec<f32>,
+}
+
+impl<'a> Segments<'a> {
+    fn new(scale: &'a Scale, from: &'a Crossing, to: &'a Crossing, map: &'a Evidence) -> Self {
+        Self { scale, from, to, map, seen: vec![0.0; scale.levels * scale.levels] }
+    }
+
+    fn at(&mut self, from: usize, to: usize) -> f32 {
+        let seen = &mut self.seen[from * self.scale.levels + to];
+        if *seen == 0.0 {
+            let near = self.scale.near(from).contains(&to);
+            *seen = if near { self.scale.mean(self.map, (self.from, from), (self.to, to)) } else { NONE };
+        }
+        *seen
+    }
 }
 
 /// Steps in which a hypothesis is moved to where its evidence is largest, px: from the search's own down to what a ridge map shows.
@@ -428,7 +488,7 @@ pub(crate) fn three_stripes(
                     continue;
                 }
                 let Some(c) = px((x + y) * 0.5) else { continue };
-                let strength = mean_along(along, a, c, b, SAMPLE_PX);
+                let strength = mean_along(along, a, c, b, along.every_px());
                 if strength > THREE_STRONG {
                     strong.push((strength, x, wx, y, wy));
                 }
@@ -464,7 +524,7 @@ pub(crate) fn three_stripes(
                                 px(from)?,
                                 px((from + end) * 0.5)?,
                                 px(end)?,
-                                SAMPLE_PX,
+                                crossing.every_px(),
                             ))
                         })
                         .fold(NONE, f32::max)
