@@ -16,6 +16,8 @@ const SETTLED_WORTH: f64 = 10.0;
 pub(super) const APART_PX: f64 = 4.0;
 /// Candidates kept per side.
 pub(super) const KEEP: usize = 4;
+/// Sides that end this near to each other are seen alike: of 16 segments less than half of one is another.
+const SAME_END_PX: f64 = 12.0;
 /// A side may be turned against the raster by this much from end to end, px.
 pub(super) const DRIFT_PX: f64 = 8.0;
 
@@ -41,7 +43,8 @@ pub(super) fn choose(
     known: Known,
 ) -> Vec<RoughRectangle> {
     let by_ends = known != Known::Outline;
-    let mut judge = Judge { frame, calibration, raster, sides, mm_per_px, by_ends, known: BTreeMap::new() };
+    let (known_yet, least) = (BTreeMap::new(), [1.0; 4]);
+    let mut judge = Judge { frame, calibration, raster, sides, mm_per_px, by_ends, known: known_yet, least };
     let mut combinations: Vec<[usize; 4]> = Vec::new();
     let counts = [0, 1, 2, 3].map(|s| sides[s].len().min(KEEP));
     for i in 0..counts[0] {
@@ -110,9 +113,19 @@ struct Judge<'a> {
     mm_per_px: f64,
     by_ends: bool,
     known: BTreeMap<(usize, usize, usize, usize), f32>,
+    /// The least support of each side so far.
+    least: [f32; 4],
 }
 
 impl Judge<'_> {
+    /// The first candidate of a side that ends others where this one does.
+    fn alike(&self, side: usize, choice: usize) -> usize {
+        let near = |s: &Side| {
+            (s.offset_mm - self.sides[side][choice].offset_mm).abs() < SAME_END_PX * self.mm_per_px
+        };
+        self.sides[side][..choice].iter().position(near).unwrap_or(choice)
+    }
+
     /// `None` if a corner is outside the image, a side is not seen, or the score cannot be more than `beaten`.
     fn verdict(&mut self, combination: [usize; 4], beaten: f64) -> Option<Verdict> {
         let (frame, calibration, raster, mm_per_px) =
@@ -138,20 +151,38 @@ impl Judge<'_> {
                 chosen.iter().map(|c| f64::from(c.nearness.max(1e-6)).ln()).sum()
             }
         };
-        // Scanning the sides is what takes time.
-        if score([1.0; 4]) <= beaten {
-            return None;
-        }
-        let mut support = [0.0; 4];
-        for (s, seen) in support.iter_mut().enumerate() {
-            // A side's support depends on its own place and on the two sides that end it.
-            let [first, last] = if s < 2 { [2, 3] } else { [0, 1] };
-            let key = (s, combination[s], combination[first], combination[last]);
-            *seen = *self
+        // A side's support depends on its own place and on the two sides that end it.
+        let ends = |side: usize| if side < 2 { [2, 3] } else { [0, 1] };
+        let key = |side: usize| {
+            let [first, last] = ends(side).map(|end| self.alike(end, combination[end]));
+            (side, combination[side], first, last)
+        };
+        // Scanning is what takes time: sides that are known come first, then those that were seen least, and none when the best
+        // cannot be beaten.
+        let mut order = [0, 1, 2, 3];
+        order.sort_by(|a, b| {
+            let rank =
+                |side: usize| if self.known.contains_key(&key(side)) { -1.0 } else { self.least[side] };
+            rank(*a).total_cmp(&rank(*b))
+        });
+        let keys = [0, 1, 2, 3].map(key);
+        let mut support = [1.0; 4];
+        for side in order {
+            if score(support) <= beaten {
+                return None;
+            }
+            let (_, _, first, last) = keys[side];
+            let mut spanned_mm = offsets_mm;
+            for (end, choice) in ends(side).into_iter().zip([first, last]) {
+                spanned_mm[end] = self.sides[end][choice].offset_mm;
+            }
+            let seen = *self
                 .known
-                .entry(key)
-                .or_insert_with(|| support_of(frame, calibration, raster, &offsets_mm, s, mm_per_px));
-            if *seen < chosen[s].needed {
+                .entry(keys[side])
+                .or_insert_with(|| support_of(frame, calibration, raster, &spanned_mm, side, mm_per_px));
+            self.least[side] = self.least[side].min(seen);
+            support[side] = seen;
+            if seen < chosen[side].needed {
                 return None;
             }
         }
