@@ -6,7 +6,9 @@ use crate::frames::{Cam, Plane, Ray};
 use crate::image::Frame;
 use crate::stripe::peak::Estimator;
 use crate::stripe::tint::{Tint, measure_tints};
-use crate::stripe::trace::{StripeLine, StripePoint, TraceSettings, Walk, measure_half_width_px, trace};
+use crate::stripe::trace::{
+    StripeLine, StripePoint, TraceSettings, Walk, measure_half_width_px, trace, trace_again,
+};
 use crate::units::{LaserId, Px};
 
 /// Where a stripe leaves the plane, at one of its ends.
@@ -178,14 +180,17 @@ pub(crate) fn inner_segments(
         usual: [0.0; 4],
         sight,
     };
-    for search_px in sight.search_px() {
+    for (round, search_px) in sight.search_px().into_iter().enumerate() {
         let mut pieces = Vec::with_capacity(4);
         for id in LaserId::ALL {
             pieces.push(inner_segment(calibration, &inner.plane, id)?);
         }
-        inner.tints = measure_tints(frame, calibration, &pieces).try_into().ok()?;
-        inner.half_width_px =
-            measure_half_width_px(frame, calibration, &pieces, &inner.tints).unwrap_or(inner.half_width_px);
+        // Anew when the plane is nearly right; in between they would hardly change.
+        if round != 1 {
+            inner.tints = measure_tints(frame, calibration, &pieces).try_into().ok()?;
+            inner.half_width_px = measure_half_width_px(frame, calibration, &pieces, &inner.tints)
+                .unwrap_or(inner.half_width_px);
+        }
         let mut traces = Vec::with_capacity(4);
         for (id, (line, range, from)) in LaserId::ALL.into_iter().zip(pieces) {
             let settings = inner.settings(id, search_px);
@@ -229,14 +234,19 @@ pub(crate) fn follow_stripes(
     inner: &InnerSegments,
     limits: Option<&Limits>,
 ) -> Option<FaceStripes> {
-    let mut plane = inner.plane;
-    let mut result = None;
+    let (mut before, mut plane) = (inner.plane, inner.plane);
+    let mut result: Option<FaceStripes> = None;
     for pass in PASSES {
         let mut observations = Vec::new();
         let mut stripes = Vec::with_capacity(4);
+        // The plane hardly moves any more towards the end.
+        let seen = result.take();
         for id in LaserId::ALL {
             let limits = limits.map(|l| l[id.index()]);
-            let stripe = follow(frame, calibration, &plane, id, inner, pass, limits)?;
+            let walk = |plane: &Plane<Cam>| StripeLine::new(calibration, id, plane).walk;
+            let seen = seen.as_ref().filter(|_| walk(&plane) == walk(&before));
+            let seen = seen.map(|seen| &seen.stripes[id.index()]);
+            let stripe = follow(frame, calibration, &plane, id, inner, pass, limits, seen)?;
             observations.extend(centres(
                 id,
                 &stripe.points[stripe.on_plane.clone()],
@@ -245,7 +255,7 @@ pub(crate) fn follow_stripes(
             stripes.push(stripe);
         }
         let fit = fit_plane(calibration, &observations, &plane)?;
-        plane = fit.plane;
+        (before, plane) = (plane, fit.plane);
         result = Some(FaceStripes {
             fit,
             stripes: stripes.try_into().ok()?,
@@ -336,6 +346,7 @@ fn rows_for(points: &[StripePoint], rows: usize, most: usize) -> usize {
     power
 }
 
+#[allow(clippy::too_many_arguments)] // one call, all of it needed
 fn follow(
     frame: &Frame,
     calibration: &Calibration,
@@ -344,6 +355,7 @@ fn follow(
     known: &InnerSegments,
     pass: &Pass,
     limits: Option<[Px; 2]>,
+    seen: Option<&FaceStripe>,
 ) -> Option<FaceStripe> {
     let settings = &known.settings(id, pass.search_px);
     let usual = known.usual[id.index()];
@@ -358,8 +370,12 @@ fn follow(
     if let Some([p, q]) = limits.map(|l| l.map(|px| line.walk.along(px))) {
         range = range.start.max(p.min(q))..range.end.min(p.max(q));
     }
+    // Every pass has the same places.
+    let rows = settings.rows as f64;
+    range.start = (range.start / rows).ceil() * rows;
     let start = line.px_at(calibration, range.start, other)?.0;
-    let points = trace(frame, calibration, &line, range, start, settings);
+    let seen = seen.map_or(&[][..], |stripe| &stripe.points);
+    let points = trace_again(frame, calibration, &line, range, start, settings, seen);
     if points.is_empty() {
         return None;
     }

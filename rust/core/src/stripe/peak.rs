@@ -88,15 +88,31 @@ fn centre_of_gravity(
     half_width: f64,
     amplitude: f64,
 ) -> Option<(f64, f64)> {
+    // Sums of all samples before each, and their moments: the window's inner part at once. It may wander by its half width.
+    let base = (top - 2.0 * half_width - 2.0).max(0.0) as usize;
+    let n = ((top + 2.0 * half_width + 2.0) as usize).min(n);
+    let mut before = Vec::with_capacity(n.saturating_sub(base) + 1);
+    let (mut sum, mut moment) = (0.0, 0.0);
+    before.push((sum, moment));
+    let weight = |i: usize| (net(i) - CUT_OFF * amplitude).max(0.0);
+    for i in base..n {
+        let weight = weight(i);
+        sum += weight;
+        moment += weight * i as f64;
+        before.push((sum, moment));
+    }
     let mut centre = top;
     for _ in 0..RECENTRE {
-        let (mut sum, mut moment) = (0.0, 0.0);
-        let lo = (centre - half_width).floor().max(0.0) as usize;
+        let lo = ((centre - half_width).floor().max(0.0) as usize).max(base);
         let hi = ((centre + half_width).ceil() as usize).min(n - 1);
-        for i in lo..=hi {
-            // The window's ends count in part, so that the result moves smoothly with the window.
-            let inside = (half_width + 0.5 - (i as f64 - centre).abs()).clamp(0.0, 1.0);
-            let weight = (net(i) - CUT_OFF * amplitude).max(0.0) * inside;
+        // The window's ends count in part, so that the result moves smoothly with the window.
+        let inside = |i: usize| (half_width + 0.5 - (i as f64 - centre).abs()).clamp(0.0, 1.0);
+        let first = (lo..=hi).find(|i| inside(*i) >= 1.0).unwrap_or(hi + 1);
+        let last = (first..=hi).rev().find(|i| inside(*i) >= 1.0).map_or(first, |i| i + 1);
+        let (to, from) = (before[last - base], before[first - base]);
+        let (mut sum, mut moment) = (to.0 - from.0, to.1 - from.1);
+        for i in (lo..first).chain(last..=hi) {
+            let weight = weight(i) * inside(i);
             sum += weight;
             moment += weight * i as f64;
         }
@@ -190,24 +206,24 @@ struct Background {
     noise: f64,
 }
 
+/// The first of `n` samples at or behind a place, and the first behind it.
+fn at_least(place: f64, n: usize) -> usize {
+    (place.ceil().max(0.0) as usize).min(n)
+}
+
+fn above(place: f64, n: usize) -> usize {
+    ((place.floor() + 1.0).max(0.0) as usize).min(n)
+}
+
 impl Background {
     fn fit(profile: &[f32], centre: f64, half_width: f64) -> Option<Self> {
         let (mut count, mut sx, mut sy, mut sxx, mut sxy, mut syy) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
-        let (mut left, mut right) = (0, 0);
         // Two stripe widths are enough to know the background; farther away other things begin.
-        let from = (centre - 2.0 * half_width).max(0.0) as usize;
-        let to = ((centre + 2.0 * half_width).max(0.0) as usize + 1).min(profile.len());
-        for (i, y) in profile.iter().enumerate().take(to).skip(from) {
-            let x = i as f64 - centre;
-            if x.abs() <= half_width || x.abs() > 2.0 * half_width {
-                continue;
-            }
-            if x < 0.0 {
-                left += 1;
-            } else {
-                right += 1;
-            }
-            let y = f64::from(*y);
+        let n = profile.len();
+        let left = at_least(centre - 2.0 * half_width, n)..at_least(centre - half_width, n);
+        let right = above(centre + half_width, n)..above(centre + 2.0 * half_width, n);
+        for i in left.clone().chain(right.clone()) {
+            let (x, y) = (i as f64 - centre, f64::from(profile[i]));
             count += 1.0;
             sx += x;
             sy += y;
@@ -215,6 +231,7 @@ impl Background {
             sxy += x * y;
             syy += y * y;
         }
+        let (left, right) = (left.len(), right.len());
         if left < 2 || right < 2 {
             return None;
         }

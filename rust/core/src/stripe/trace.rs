@@ -26,6 +26,25 @@ pub(crate) struct StripePoint {
     pub noise: f64,
 }
 
+/// Predictions that differ by less than this find the same peak, px.
+const SAME_PX: f64 = 0.25;
+
+impl StripePoint {
+    /// The same place as another plane predicts it, which does not change the peak; `None` if that is too far to know.
+    fn predicted_anew(&self, walk: Walk, place: &OnLine, search_px: f64) -> Option<Self> {
+        let across = walk.across(place.px);
+        if (across - walk.across(self.predicted)).abs() * place.factor > SAME_PX {
+            return None;
+        }
+        let found = self
+            .found
+            .map(|found| Found { residual_px: (walk.across(found.at) - across) * place.factor, ..found });
+        // As a look at it would have it.
+        let found = found.filter(|found| found.residual_px.abs() <= search_px + 1.0);
+        Some(Self { predicted: place.px, found, ..*self })
+    }
+}
+
 /// A peak near the predicted place.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Found {
@@ -167,6 +186,20 @@ pub(crate) fn trace(
     start: Px,
     settings: &TraceSettings,
 ) -> Vec<StripePoint> {
+    trace_again(frame, calibration, line, range_px, start, settings, &[])
+}
+
+/// As [`trace`]; places of an earlier look on another plane along the same walk, `seen`, are not looked at again if their prediction
+/// has hardly moved.
+pub(crate) fn trace_again(
+    frame: &Frame,
+    calibration: &Calibration,
+    line: &StripeLine,
+    range_px: std::ops::Range<f64>,
+    start: Px,
+    settings: &TraceSettings,
+    mut seen: &[StripePoint],
+) -> Vec<StripePoint> {
     let (along_size, across_size) = match line.walk {
         Walk::Rows => (frame.height_px(), frame.width_px()),
         Walk::Columns => (frame.width_px(), frame.height_px()),
@@ -191,6 +224,18 @@ pub(crate) fn trace(
         let Some(place) = line.place_at(calibration, middle, guess) else { break };
         before = (middle, place);
         let (predicted, factor) = (place.px, place.factor);
+        while let [point, rest @ ..] = seen
+            && point.along_px < middle
+        {
+            seen = rest;
+        }
+        if let Some(point) = seen.first().filter(|point| point.along_px == middle)
+            && let Some(point) = point.predicted_anew(line.walk, &place, settings.search_px)
+        {
+            points.push(point);
+            row += rows;
+            continue;
+        }
         begins.clear();
         let mut rest = 0.0;
         for r in row..row + rows {
@@ -255,7 +300,7 @@ pub(crate) fn trace(
 /// Adds up the colours of the profiles of neighbouring rows (or columns) of the walk from `first` on, three sums a pixel; `begins`
 /// are their first places.
 ///
-/// Colours are added first and mixed once: whole rows of bytes at once. Columns are added a row of the image at a time.
+/// Colours are added first and mixed once: whole rows of bytes at once.
 fn add_profiles(sums: &mut [u16], frame: &Frame, walk: Walk, first: usize, begins: &[usize]) {
     let (rgb, width) = (frame.rgb(), frame.width_px());
     let add = |sums: &mut [u16], bytes: &[u8]| {
@@ -270,13 +315,11 @@ fn add_profiles(sums: &mut [u16], frame: &Frame, walk: Walk, first: usize, begin
             }
         }
         Walk::Columns => {
-            let (Some(low), Some(high)) = (begins.iter().min(), begins.iter().max()) else { return };
-            for row in *low..high + sums.len() / 3 {
-                let pixels = rgb[(row * width + first) * 3..].chunks_exact(3);
-                for (begin, pixel) in begins.iter().zip(pixels) {
-                    if let Some(sum) = row.checked_sub(*begin).and_then(|k| sums.get_mut(3 * k..3 * k + 3)) {
-                        add(sum, pixel);
-                    }
+            // The first pixels of the rows from there on.
+            for (column, begin) in begins.iter().enumerate() {
+                let pixels = rgb[(begin * width + first + column) * 3..].chunks(width * 3);
+                for (sum, pixel) in sums.chunks_exact_mut(3).zip(pixels) {
+                    add(sum, &pixel[..3]);
                 }
             }
         }
