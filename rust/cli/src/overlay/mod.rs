@@ -1,7 +1,8 @@
-//! The picture that shows what was found: the frames side by side with stripes, edges, corners, key points and sizes, and
-//! the result in type that a phone screen can show. Takes results only; measures nothing.
+//! The picture that shows what was found: the frames side by side with stripes, edges, corners, key points and sizes, below each how
+//! flat the face is ([`surface`]), and the result in type that a phone screen can show. Takes results only; measures nothing.
 
 mod canvas;
+mod surface;
 
 use crate::text;
 use anyhow::Context;
@@ -110,7 +111,9 @@ pub fn draw(views: &[View<'_>], headline: &Headline) -> anyhow::Result<RgbImage>
     let small: Vec<String> =
         headline.small.iter().flat_map(|text| canvas.wrap(text, 42.0, text_width)).collect();
     let header_height = 116 + 52 * u32::try_from(small.len())?;
-    canvas = Canvas::new(WIDTH, header_height + panels_height)?;
+    let has_map = |view: &View| matches!(view.face, FaceOutcome::Measured(face) if !face.surface.is_empty());
+    let maps_height = if views.iter().any(has_map) { surface::HEIGHT } else { 0 };
+    canvas = Canvas::new(WIDTH, header_height + panels_height + maps_height)?;
     canvas.text_from(&headline.large, 92.0, [MARGIN, 60.0], headline.color);
     for (row, line) in small.iter().enumerate() {
         canvas.text_from(line, 42.0, [MARGIN, 130.0 + 52.0 * row as f32], WHITE);
@@ -131,6 +134,7 @@ pub fn draw(views: &[View<'_>], headline: &Headline) -> anyhow::Result<RgbImage>
             FaceOutcome::Measured(face) => {
                 canvas.paste(picture, left, header_height, BRIGHTNESS);
                 panel.draw_face(&mut canvas, face);
+                surface::draw(&mut canvas, face, [panel.left, panel.top + panels_height as f32], panel.width);
             }
             FaceOutcome::Rejected(reject) => {
                 canvas.paste(picture, left, header_height, BRIGHTNESS_REFUSED);
@@ -350,6 +354,7 @@ fn unit([x, y]: [f32; 2]) -> [f32; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use boxline::SurfacePoint;
     use boxline::frames::{Plane, Point};
     use boxline::units::Volume;
     use nalgebra::Vector3;
@@ -415,6 +420,28 @@ mod tests {
                 assert_eq!(picture.get_pixel(x.round() as u32, y.round() as u32).0, WHITE);
             }
         }
+    }
+
+    /// A bulge is red in the middle of the map, a dent blue.
+    #[test]
+    fn a_map_shows_where_the_face_bulges() {
+        let frame = frame("b02/a.jpg");
+        let colored = |height_mm: f64| {
+            let mut face = true_face("b02", "a");
+            let point = |at_mm, mm| SurfacePoint { at_mm, height: Estimate::new(mm, 0.1) };
+            face.surface = vec![point([0.0, 0.0], height_mm), point([200.0, 100.0], 0.0)];
+            let face = FaceOutcome::Measured(Box::new(face));
+            let without = |picture: &RgbImage| picture.height() - surface::HEIGHT;
+            let picture =
+                draw(&[View { name: "a", frame: &frame, face: &face }], &Headline::of_face(&face)).unwrap();
+            let map = picture.enumerate_pixels().filter(|(_, y, _)| *y >= without(&picture));
+            let strong = |p: &[u8; 3], most: usize| p[most] > 200 && p[2 - most] < 120;
+            let found = |most: usize| map.clone().filter(|(_, _, p)| strong(&p.0, most)).count();
+            (found(0), found(2))
+        };
+        let (bulge, dent) = (colored(3.0), colored(-3.0));
+        assert!(bulge.0 > 50 && bulge.1 == 0, "{bulge:?}");
+        assert!(dent.1 > 50 && dent.0 == 0, "{dent:?}");
     }
 
     #[test]
