@@ -157,8 +157,8 @@ fn steger(net: impl Fn(usize) -> f64, n: usize, top: usize, half_width: f64) -> 
         .map(|(position, _)| position)
 }
 
-/// Foot of a bell over its standard deviation: as [`super::trace::FOOT_PER_HALF_HEIGHT`] has it.
-const FOOT_PER_SIGMA: f64 = 2.24;
+/// Foot of a bell over its standard deviation; half its height is reached at 1.177 of these.
+const FOOT_PER_SIGMA: f64 = 1.177 * super::trace::FOOT_PER_HALF_HEIGHT;
 /// Gauss-Newton on three unknowns from a start within a pixel: quadratic.
 const BELL_STEPS: usize = 12;
 
