@@ -21,6 +21,12 @@ impl Px {
     pub fn distance_px(self, other: Self) -> f64 {
         (self.u - other.u).hypot(self.v - other.v)
     }
+
+    /// Whether it is nearer than `radius_px`, which takes no root.
+    pub(crate) fn is_within(self, other: Self, radius_px: f64) -> bool {
+        let (du, dv) = (self.u - other.u, self.v - other.v);
+        du * du + dv * dv < radius_px * radius_px
+    }
 }
 
 /// A length in mm with its standard deviation (1 sigma: observation and calibration together).

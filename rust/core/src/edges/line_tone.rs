@@ -17,6 +17,21 @@ const FARTHEST_PX: f64 = 30_000.0;
 const WEIGHT: u32 = 2;
 const ONE: u64 = 1 << WEIGHT;
 
+/// So many places are fetched before they are added up: the memory answers many questions in the time of one.
+const AT_ONCE: usize = 32;
+
+/// The words of two pixels and more at a place and below it; `None` outside the image and for the last two bytes of a frame.
+#[inline]
+fn around(frame: &Frame, x: i32, y: i32) -> Option<(u64, u64)> {
+    // A negative place is a huge one.
+    let (x, y, width) = (x as usize, y as usize, frame.width_px());
+    if x >= width - 1 || y >= frame.height_px() - 1 {
+        return None;
+    }
+    let at = (y * width + x) * 3;
+    Some((word(frame.rgb().get(at..)?)?, word(frame.rgb().get(at + width * 3..)?)?))
+}
+
 /// Sums over several lines at one place.
 #[derive(Clone, Copy, Default)]
 struct Sum {
@@ -56,28 +71,28 @@ impl LineTones {
         let half = 1 << (FRACTION - WEIGHT - 1);
         let (mut u, mut v) = (fixed(from.u) + half, fixed(from.v) + half);
         let (du, dv) = (fixed(step_px[0]), fixed(step_px[1]));
-        let (width, right, bottom) = (frame.width_px(), frame.width_px() - 1, frame.height_px() - 1);
-        for sum in &mut self.sums[places] {
-            // A negative place is a huge one.
-            let (x, y) = ((u >> FRACTION) as usize, (v >> FRACTION) as usize);
-            if x < right && y < bottom {
-                let at = (y * width + x) * 3;
-                // None for the last two bytes of a frame.
-                let [top, below] = [at, at + width * 3].map(|at| frame.rgb().get(at..).and_then(word));
-                if let (Some(top), Some(below)) = (top, below) {
-                    let weight = |fixed: i32| fixed as u64 >> (FRACTION - WEIGHT) & (ONE - 1);
-                    let (right, down) = (weight(u), weight(v));
-                    let mix = |top: u64, below: u64| (top & LANES) * (ONE - down) + (below & LANES) * down;
-                    // From the lowest lane: red, blue, the neighbour's green; and green, the neighbour's red and blue.
-                    let (even, odd) = (mix(top, below), mix(top >> 8, below >> 8));
-                    let between = |left: u64, next: u64| left * (ONE - right) + next * right;
-                    sum.red_blue = sum.red_blue.wrapping_add(between(even, odd >> 16));
-                    sum.green = sum.green.wrapping_add(between(odd, even >> 32));
-                    sum.lines += 1;
-                }
+        let mut fetched = [(0, 0); AT_ONCE];
+        for sums in self.sums[places].chunks_mut(AT_ONCE) {
+            let (first_u, first_v) = (u, v);
+            for (pixels, sum) in fetched.iter_mut().zip(&mut *sums) {
+                let found = around(frame, u >> FRACTION, v >> FRACTION);
+                sum.lines += u32::from(found.is_some());
+                *pixels = found.unwrap_or_default();
+                // The ends fit, so do all between.
+                (u, v) = (u.wrapping_add(du), v.wrapping_add(dv));
             }
-            // The ends fit, so do all between.
-            (u, v) = (u.wrapping_add(du), v.wrapping_add(dv));
+            let (mut u, mut v) = (first_u, first_v);
+            for ((top, below), sum) in fetched.iter().zip(sums) {
+                let weight = |fixed: i32| fixed as u64 >> (FRACTION - WEIGHT) & (ONE - 1);
+                let (right, down) = (weight(u), weight(v));
+                let mix = |top: u64, below: u64| (top & LANES) * (ONE - down) + (below & LANES) * down;
+                // From the lowest lane: red, blue, the neighbour's green; and green, the neighbour's red and blue.
+                let (even, odd) = (mix(*top, *below), mix(top >> 8, below >> 8));
+                let between = |left: u64, next: u64| left * (ONE - right) + next * right;
+                sum.red_blue = sum.red_blue.wrapping_add(between(even, odd >> 16));
+                sum.green = sum.green.wrapping_add(between(odd, even >> 32));
+                (u, v) = (u.wrapping_add(du), v.wrapping_add(dv));
+            }
         }
     }
 

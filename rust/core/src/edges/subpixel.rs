@@ -117,7 +117,7 @@ fn profiles(
                 good = false;
                 break;
             };
-            if keep_out.iter().any(|(c, r)| c.distance_px(p) < *r) {
+            if keep_out.iter().any(|(c, r)| c.is_within(p, *r)) {
                 good = false;
                 break;
             }

@@ -216,7 +216,8 @@ fn median(values: &[i16]) -> i16 {
         chunks.map(|chunk| usize::from(count(chunk))).sum::<usize>()
     };
     let middle = values.len() / 2;
-    (0..15).rev().map(|bit| 1i16 << bit).fold(0, |found, bit| {
+    let bits = i16::BITS - values.iter().copied().max().unwrap_or(0).leading_zeros();
+    (0..bits.min(15)).rev().map(|bit| 1i16 << bit).fold(0, |found, bit| {
         if !values.is_empty() && below(found + bit) <= middle { found + bit } else { found }
     })
 }

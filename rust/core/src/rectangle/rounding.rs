@@ -168,7 +168,7 @@ pub(crate) fn profile(
         };
         let reach = 0.5 * p.distance_px(q);
         let mid = Px::new(0.5 * (p.u + q.u), 0.5 * (p.v + q.v));
-        if keep_out.iter().any(|(c, r)| c.distance_px(mid) < r + reach) {
+        if keep_out.iter().any(|(c, r)| c.is_within(mid, r + reach)) {
             continue;
         }
         let step = 1.0 / (samples - 1) as f64;

@@ -9,7 +9,7 @@ use crate::edges::redness;
 use crate::face::outline::SIDES;
 use crate::face::raster::PlaneRaster;
 use crate::image::Frame;
-use crate::units::LaserId;
+use crate::units::{LaserId, Px};
 
 /// Where the stripes of a side end, outwards from the line; that is where the line of sight touches the box.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -129,16 +129,20 @@ impl Walk {
         let bound = |(share, low, high): (f64, f64, f64)| (share * half_width_px).clamp(low, high);
         let (middle, beside) = (bound(MIDDLE).round() as usize, bound(BESIDE).ceil() as usize);
         let reach = (beside + BESIDE_PX) as i32;
-        let row = |px: i32| {
-            let (p, q) = (at((f64::from(px) - 0.5) * mm_per_px)?, at((f64::from(px) + 0.5) * mm_per_px)?);
-            let length = p.distance_px(q).max(1e-9);
+        // Between the rows.
+        let places: Vec<Px> = (-(LINE as i32)..=BEYOND_PX + 1)
+            .map(|px| at((f64::from(px) - 0.5) * mm_per_px))
+            .collect::<Option<_>>()?;
+        let row = |between: &[Px]| {
+            let (p, q) = (between.first()?, between.last()?);
+            let length = p.distance_px(*q).max(1e-9);
             let (du, dv) = ((p.v - q.v) / length, (q.u - p.u) / length);
             let (u, v) = (0.5 * (p.u + q.u), 0.5 * (p.v + q.v));
             let redness =
                 |k: i32| redness(frame, u + du * f64::from(k), v + dv * f64::from(k)).map(f64::from);
             (-reach..=reach).map(redness).collect::<Option<Vec<f64>>>()
         };
-        let rows = (-(LINE as i32)..=BEYOND_PX).map(row).collect::<Option<_>>()?;
+        let rows = places.windows(2).map(row).collect::<Option<_>>()?;
         Some(Self { rows, middle, beside, mm_per_px })
     }
 
