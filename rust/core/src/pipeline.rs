@@ -5,8 +5,8 @@ use crate::calibration::Calibration;
 use crate::cuboid;
 use crate::edges::{EdgeDetector, hough::HoughDetector, subpixel::GradientDetector};
 use crate::error::{Error, ErrorKind};
-use crate::face::extent::{FaceStripes, Sight, follow_stripes, inner_segments};
-use crate::face::map_outline::{LEAST_EDGE, MapOutline, map_outline, mask_at_border};
+use crate::face::extent::{FaceStripes, InnerSegments, Sight, follow_stripes, inner_segments};
+use crate::face::map_outline::{MapOutline, map_outline, mask_at_border};
 use crate::face::outline::RoughRectangle;
 use crate::face::raster::PlaneRaster;
 use crate::face_lines::view::FacePose;
@@ -20,6 +20,7 @@ use crate::measurement::{
 };
 use crate::network::{FaceMaps, Network};
 use crate::rectangle::hypothesize::{Which, cut_by_border, hypothesize, limits, snap_to_image};
+use crate::rectangle::rivals::{Rival, rivals};
 use crate::rectangle::{self, Attempt, Measured};
 use crate::reject::Reject;
 use crate::stripe::grid_search::{self, Evidence, GridHypothesis};
@@ -32,6 +33,8 @@ use std::time::Instant;
 const PLANES: usize = 4;
 /// Share of each stripe between its ends that must be seen on the face's plane: more than half of it may be print ...
 const MIN_SEEN_SHARE: f64 = 0.4;
+/// ... one of the four may show this share on a face with known sides: by chance a line without a stripe shows 0.1 ...
+const MIN_SEEN_OF_ONE: f64 = 0.2;
 /// ... and share of its inner segment, which a line of big red letters can cover for the most part.
 const MIN_INNER_SHARE: f64 = 0.15;
 /// Robust scatter of the stripe centres in units of their own sigmas: more is no plane.
@@ -94,6 +97,52 @@ pub fn measure_face_with_hint(
     settings: &Settings,
     times: &mut StageTimes,
 ) -> Result<(FaceOutcome, Option<Hint>), Error> {
+    let (seen, hint) = see_face(frame, calibration, settings, times)?;
+    Ok((outcome_of(&seen), hint))
+}
+
+/// A face that a frame may show.
+struct Alternative {
+    /// That its sides are the right lines.
+    probability: f64,
+    face: Result<Box<FaceMeasurement>, Reject>,
+}
+
+/// What a frame shows: the face or, if a network has said where it is, the faces it may be, likeliest first.
+struct Seen {
+    alternatives: Vec<Alternative>,
+    /// Why the likeliest does not count by itself.
+    unsure: Option<Reject>,
+}
+
+impl Seen {
+    /// The face alone.
+    fn face(&self) -> Result<&FaceMeasurement, Reject> {
+        match (&self.unsure, self.alternatives.first().map(|a| &a.face)) {
+            (Some(reject), _) | (None, Some(Err(reject))) => Err(reject.clone()),
+            (None, Some(Ok(face))) => Ok(face),
+            (None, None) => Err(Reject::RectangleOpen { sides_found: 0 }),
+        }
+    }
+
+    fn measured(&self) -> impl Iterator<Item = (f64, &FaceMeasurement)> {
+        self.alternatives.iter().filter_map(|a| Some((a.probability, &**a.face.as_ref().ok()?)))
+    }
+}
+
+fn outcome_of(seen: &Result<Seen, Reject>) -> FaceOutcome {
+    match seen.as_ref().map_err(Clone::clone).and_then(Seen::face) {
+        Ok(face) => FaceOutcome::Measured(Box::new(face.clone())),
+        Err(reject) => FaceOutcome::Rejected(reject),
+    }
+}
+
+fn see_face(
+    frame: &Frame,
+    calibration: &Calibration,
+    settings: &Settings,
+    times: &mut StageTimes,
+) -> Result<(Result<Seen, Reject>, Option<Hint>), Error> {
     if frame.width_px() != calibration.width_px() as usize
         || frame.height_px() != calibration.height_px() as usize
     {
@@ -114,18 +163,23 @@ pub fn measure_face_with_hint(
     clock.lap("network");
     check_wanted(settings)?;
     let task = Task { frame, calibration, settings, maps: maps.as_ref(), which: Which::Best };
-    let faces = face_stages(&task, &mut clock);
+    let seen = face_stages(&task, &mut clock);
     check_wanted(settings)?; // what was cut short is no result
-    let face =
-        faces.and_then(|faces| faces.into_iter().next().ok_or(Reject::RectangleOpen { sides_found: 0 }));
-    let face = face.and_then(|face| too_far(calibration, &face).map_or(Ok(face), Err));
-    Ok(match face {
-        Ok(face) => (FaceOutcome::Measured(Box::new(face)), None),
-        Err(reject) => {
-            let hint = Hint::new(calibration, clock.seen.as_ref(), &reject);
-            (FaceOutcome::Rejected(reject), hint)
+    let seen = seen.map(|mut seen| {
+        for alternative in &mut seen.alternatives {
+            if let Ok(face) = &alternative.face
+                && let Some(reject) = too_far(calibration, face)
+            {
+                alternative.face = Err(reject);
+            }
         }
-    })
+        seen
+    });
+    let hint = match seen.as_ref().map_err(Clone::clone).and_then(Seen::face) {
+        Ok(_) => None,
+        Err(reject) => Hint::new(calibration, clock.seen.as_ref(), &reject),
+    };
+    Ok((seen, hint))
 }
 
 /// The refusal of a measured face that is too far away.
@@ -157,7 +211,7 @@ struct Task<'a> {
     which: Which,
 }
 
-fn face_stages(task: &Task, clock: &mut Clock<'_>) -> Result<Vec<FaceMeasurement>, Reject> {
+fn face_stages(task: &Task, clock: &mut Clock<'_>) -> Result<Seen, Reject> {
     let Task { frame, calibration, maps, .. } = *task;
     let diagonals = grid_search::diagonals(calibration);
     let ridges = band_maps(frame, diagonals);
@@ -166,7 +220,7 @@ fn face_stages(task: &Task, clock: &mut Clock<'_>) -> Result<Vec<FaceMeasurement
         grid_search::find_planes(calibration, &evidence(&ridges, maps), grid_search::IN_RIDGES, PLANES);
     clock.lap("grid");
     let refusal = match measure_on_planes(task, &planes, Sight::Clear, clock) {
-        Ok(faces) => return Ok(faces),
+        Ok(seen) => return Ok(seen),
         // Whether a stripe is dark or misses the face is told by the other three.
         Err(Some(reject)) if !matches!(reject, Reject::NoBox { .. } | Reject::StripeNotFound { .. }) => {
             return Err(reject);
@@ -200,29 +254,36 @@ fn evidence<'a>(ridges: &'a [RidgeMap; 2], maps: Option<&FaceMaps>) -> [Evidence
     })
 }
 
-/// The first of the planes that can be measured; else why the strongest cannot, if there is one.
+/// The first of the planes that can be measured surely; else the first that may be; else why the strongest cannot, if there is one.
 fn measure_on_planes(
     task: &Task,
     planes: &[GridHypothesis],
     sight: Sight,
     clock: &mut Clock<'_>,
-) -> Result<Vec<FaceMeasurement>, Option<Reject>> {
+) -> Result<Seen, Option<Reject>> {
     let mut refusal: Option<(f32, Reject)> = None;
-    let mut seen = None;
+    let mut pose = None;
+    let mut unsure: Option<Seen> = None;
     for hypothesis in planes.iter().take_while(|_| !unwanted(task.settings)) {
         clock.seen = None;
         match measure_on_plane(task, hypothesis, sight, clock) {
-            Ok(faces) => return Ok(faces),
+            Ok(seen) if seen.face().is_ok() => return Ok(seen),
+            Ok(seen) => {
+                if unsure.is_none() {
+                    unsure = Some(seen);
+                    pose = clock.seen;
+                }
+            }
             Err(reject) => {
                 if refusal.as_ref().is_none_or(|(total, _)| hypothesis.total() > *total) {
                     refusal = Some((hypothesis.total(), reject));
-                    seen = clock.seen;
+                    pose = if unsure.is_some() { pose } else { clock.seen };
                 }
             }
         }
     }
-    clock.seen = seen;
-    Err(refusal.map(|(_, reject)| reject))
+    clock.seen = pose;
+    unsure.ok_or_else(|| refusal.map(|(_, reject)| reject))
 }
 
 fn measure_on_plane(
@@ -230,99 +291,185 @@ fn measure_on_plane(
     hypothesis: &GridHypothesis,
     sight: Sight,
     clock: &mut Clock<'_>,
-) -> Result<Vec<FaceMeasurement>, Reject> {
-    let Task { frame, calibration, settings, maps, which } = *task;
+) -> Result<Seen, Reject> {
+    let Task { frame, calibration, maps, which, .. } = *task;
     let inner = inner_segments(frame, calibration, &hypothesis.plane, sight);
     clock.lap("stripes");
     let inner = inner.ok_or_else(|| no_box(0.0))?;
-    let outline = maps.map(|maps| seen_outline(calibration, &inner.plane, maps)).transpose();
-    clock.lap("outline");
-    let outline = outline.map_err(|unsure| {
-        // Why: a face that leaves the image has no outline.
-        let face = follow_stripes(frame, calibration, &inner, None);
-        face.and_then(|face| cut_by_border(frame, &face)).unwrap_or(unsure)
-    })?;
-    if let Some(outline) = &outline {
-        clock.see(&outline.raster, &outline.offsets_mm);
-    }
-    let limits = outline.as_ref().and_then(|o| limits(calibration, o));
-    let face = follow_stripes(frame, calibration, &inner, limits.as_ref());
+    let wide = follow_stripes(frame, calibration, &inner, None);
     clock.lap("stripes");
-    let face = face.ok_or_else(|| no_box(0.0))?;
-    check_stripes(&face, limits.is_some())?;
-    let roughs = match outline.as_ref().zip(maps) {
-        Some((outline, maps)) => {
-            snap_to_image(frame, calibration, &face, outline, maps, MIN_MAP_SUPPORT).map(|rough| vec![rough])
-        }
-        None => hypothesize(frame, calibration, &face, which),
-    };
-    clock.lap("sides");
-    let hough = HoughDetector { maps };
-    let detector: &dyn EdgeDetector = match settings.edges {
-        EdgeMethod::Net | EdgeMethod::Gradient => &GradientDetector,
-        EdgeMethod::Hough => &hough,
-    };
-    let mut faces = Vec::new();
-    let roughs = roughs?;
-    if let Some(rough) = roughs.first() {
-        clock.see(&rough.raster, &rough.offsets_mm);
+    if let Some(maps) = maps {
+        return measure_seen_outline(task, &inner, wide.as_ref(), maps, clock);
     }
-    for (index, rough) in roughs.iter().enumerate() {
-        let mut measure = |rough: &RoughRectangle, attempt: Attempt| {
-            let keep_out = rectangle::keep_out(calibration, &face, rough);
-            let edges = detector.edge_points(frame, calibration, rough, &keep_out);
-            clock.lap("edges");
-            let result = rectangle::measure(frame, calibration, &face, rough, &edges, settings, attempt);
-            clock.lap("fit");
-            result
-        };
-        let result = match measure(rough, Attempt::First) {
-            Ok(Measured::Misplaced(moved)) => {
-                measure(&moved, Attempt::Last).or_else(|_| measure(rough, Attempt::Last))
-            }
-            result => result,
-        };
-        match result {
-            Ok(Measured::Face(face)) => faces.push(*face),
-            Ok(Measured::Misplaced(_)) => {} // of a first attempt only
+    let face = wide.ok_or_else(|| no_box(0.0))?;
+    check_stripes(&face, false)?;
+    let roughs = hypothesize(frame, calibration, &face, which);
+    clock.lap("sides");
+    let mut alternatives = Vec::new();
+    for (index, rough) in roughs?.iter().enumerate() {
+        if index == 0 {
+            clock.see(&rough.raster, &rough.offsets_mm);
+        }
+        match measure_rough(task, &face, rough, clock) {
+            Ok(face) => alternatives.push(Alternative { probability: 1.0, face: Ok(Box::new(face)) }),
             // An alternative that fails is none.
             Err(reject) if index == 0 => return Err(reject),
             Err(_) => {}
         }
     }
-    Ok(faces)
+    Ok(Seen { alternatives, unsure: None })
 }
 
-/// Mean probability of an edge along each side that the network must see, and the overlap of the rectangle with its mask: 98
-/// of 100 right outlines of rendered boxes have more. Two sets of `boxline render --held-out --count 60`, without and with print
-/// along edges, gave 0.53 and 0.40, 0.89 and 0.85; the stricter ones hold.
-///
-/// A side with less is right if both stripes leave the plane there, which print cannot make them do; it must still be a line that
-/// the network sees at all ([`LEAST_EDGE`]).
-const MIN_MAP_SUPPORT: f32 = 0.53;
-const MIN_MAP_OVERLAP: f32 = 0.89;
+/// Measures the face along the outlines that it may have.
+fn measure_seen_outline(
+    task: &Task,
+    inner: &InnerSegments,
+    wide: Option<&FaceStripes>,
+    maps: &FaceMaps,
+    clock: &mut Clock<'_>,
+) -> Result<Seen, Reject> {
+    let Task { frame, calibration, .. } = *task;
+    let outline = seen_outline(calibration, &inner.plane, maps);
+    clock.lap("outline");
+    // Why: a face that leaves the image has no outline.
+    let outline =
+        outline.map_err(|unsure| wide.and_then(|face| cut_by_border(frame, face)).unwrap_or(unsure))?;
+    let wide = wide.ok_or_else(|| no_box(0.0))?;
+    let rivals = rivals(frame, calibration, wide, &outline, maps).ok_or_else(|| no_box(0.0))?;
+    clock.lap("outline");
+    let best = rivals.first().ok_or(Reject::RectangleOpen { sides_found: 0 })?;
+    clock.see(&best.outline.raster, &best.outline.offsets_mm);
+    let mut alternatives: Vec<Alternative> = Vec::with_capacity(rivals.len());
+    let mut odds = Odds { right: 0.0, failed: 0.0, untried: 1.0 };
+    for Rival { outline, probability } in &rivals {
+        let face = measure_outline(task, inner, outline, clock).map(Box::new);
+        odds.untried -= probability;
+        *if face.is_ok() { &mut odds.right } else { &mut odds.failed } += probability;
+        // Lines beside each other often lead to the same edge.
+        let same =
+            |known: &&mut Alternative| matches!((&known.face, &face), (Ok(p), Ok(q)) if same_corners(p, q));
+        match alternatives.iter_mut().find(same) {
+            Some(known) => known.probability += probability,
+            None => alternatives.push(Alternative { probability: *probability, face }),
+        }
+    }
+    // A plane on which no outline can be measured is none.
+    if alternatives.iter().all(|a| a.face.is_err())
+        && let Some(Alternative { face: Err(reject), .. }) = alternatives.first()
+    {
+        return Err(reject.clone());
+    }
+    for alternative in &mut alternatives {
+        alternative.probability *= odds.scale(alternative.face.is_ok());
+    }
+    alternatives.sort_by(|x, y| y.probability.total_cmp(&x.probability));
+    let likeliest = alternatives.first().map_or(0.0, |a| a.probability);
+    let unsure = (likeliest < SURE_FACE).then(|| unclear(maps, likeliest, f64::from(outline.overlap)));
+    Ok(Seen { alternatives, unsure })
+}
 
-/// The face's outline in the maps, if it is clear enough.
+/// How probable it is that the right outline is among those that could be measured, those that could not, and those not tried.
+struct Odds {
+    right: f64,
+    failed: f64,
+    untried: f64,
+}
+
+impl Odds {
+    /// Outlines along the right lines fail to be measured so much more seldom than others.
+    const FAILS_THOUGH_RIGHT: f64 = 0.25;
+
+    /// What the fact that some could not be measured makes of a probability.
+    fn scale(&self, measured: bool) -> f64 {
+        let total = self.right + Self::FAILS_THOUGH_RIGHT * self.failed + self.untried.max(0.0);
+        (if measured { 1.0 } else { Self::FAILS_THOUGH_RIGHT }) / total.max(f64::MIN_POSITIVE)
+    }
+}
+
+/// Whether two measurements of a frame found the same edges: corners within what edges of the same line scatter.
+fn same_corners(a: &FaceMeasurement, b: &FaceMeasurement) -> bool {
+    const SAME_PX: f64 = 3.0;
+    a.corners_px.iter().all(|p| b.corners_px.iter().any(|q| p.distance_px(*q) < SAME_PX))
+}
+
+/// Measures the face along one outline.
+fn measure_outline(
+    task: &Task,
+    inner: &InnerSegments,
+    outline: &MapOutline,
+    clock: &mut Clock<'_>,
+) -> Result<FaceMeasurement, Reject> {
+    let Task { frame, calibration, .. } = *task;
+    let limits = limits(calibration, outline);
+    let face = follow_stripes(frame, calibration, inner, limits.as_ref());
+    clock.lap("stripes");
+    let face = face.ok_or_else(|| no_box(0.0))?;
+    check_stripes(&face, limits.is_some())?;
+    let rough = snap_to_image(frame, calibration, &face, outline);
+    clock.lap("sides");
+    measure_rough(task, &face, &rough?, clock)
+}
+
+/// Finds the edges beside a rough rectangle and fits it.
+fn measure_rough(
+    task: &Task,
+    face: &FaceStripes,
+    rough: &RoughRectangle,
+    clock: &mut Clock<'_>,
+) -> Result<FaceMeasurement, Reject> {
+    let Task { frame, calibration, settings, maps, .. } = *task;
+    let hough = HoughDetector { maps };
+    let detector: &dyn EdgeDetector = match settings.edges {
+        EdgeMethod::Net | EdgeMethod::Gradient => &GradientDetector,
+        EdgeMethod::Hough => &hough,
+    };
+    let mut measure = |rough: &RoughRectangle, attempt: Attempt| {
+        let keep_out = rectangle::keep_out(calibration, face, rough);
+        let edges = detector.edge_points(frame, calibration, rough, &keep_out);
+        clock.lap("edges");
+        let result = rectangle::measure(frame, calibration, face, rough, &edges, settings, attempt);
+        clock.lap("fit");
+        result
+    };
+    let result = match measure(rough, Attempt::First) {
+        Ok(Measured::Misplaced(moved)) => {
+            measure(&moved, Attempt::Last).or_else(|_| measure(rough, Attempt::Last))
+        }
+        result => result,
+    };
+    match result? {
+        Measured::Face(face) => Ok(*face),
+        Measured::Misplaced(_) => Err(Reject::RectangleOpen { sides_found: 0 }), // of a first attempt only
+    }
+}
+
+/// Least probability of a face that counts by itself, without the box's other face.
+const SURE_FACE: f64 = 0.8;
+/// Overlap of the outline with the network's mask below which the maps show no face here; right outlines of rendered boxes have 0.7
+/// and more.
+const LEAST_OVERLAP: f32 = 0.5;
+
+/// The face's outline in the maps, if they show a face.
 fn seen_outline(
     calibration: &Calibration,
     plane: &Plane<Cam>,
     maps: &FaceMaps,
 ) -> Result<MapOutline, Reject> {
     let outline = map_outline(calibration, plane, maps);
-    let (support, overlap) = outline.as_ref().map_or((0.0, 0.0), |outline| {
-        (outline.support.iter().copied().fold(f32::INFINITY, f32::min), outline.overlap)
-    });
-    match outline {
-        Some(outline) if support >= LEAST_EDGE && overlap >= MIN_MAP_OVERLAP => Ok(outline),
-        _ => Err(match mask_at_border(maps) {
-            Some((sides_cut, at)) => Reject::FaceCutByBorder { sides_cut, at },
-            None => Reject::OutlineUnsure {
-                support: f64::from(support),
-                needed_support: f64::from(MIN_MAP_SUPPORT),
-                overlap: f64::from(overlap),
-                needed_overlap: f64::from(MIN_MAP_OVERLAP),
-            },
-        }),
+    let overlap = outline.as_ref().map_or(0.0, |outline| outline.overlap);
+    outline.filter(|_| overlap >= LEAST_OVERLAP).ok_or_else(|| unclear(maps, 0.0, f64::from(overlap)))
+}
+
+/// The refusal of a face whose outline is not clear.
+fn unclear(maps: &FaceMaps, probability: f64, overlap: f64) -> Reject {
+    match mask_at_border(maps) {
+        Some((sides_cut, at)) => Reject::FaceCutByBorder { sides_cut, at },
+        None => Reject::OutlineUnsure {
+            support: probability,
+            needed_support: SURE_FACE,
+            overlap,
+            needed_overlap: f64::from(LEAST_OVERLAP),
+        },
     }
 }
 
@@ -339,6 +486,8 @@ fn check_stripes(face: &FaceStripes, sides_known: bool) -> Result<(), Reject> {
     let mut unseen = LaserId::ALL.into_iter().filter(|id| seen[id.index()] < MIN_SEEN_SHARE);
     match (unseen.next(), unseen.next()) {
         (None, _) if planar => Ok(()),
+        // Dark print hides most of one stripe; the other three hold the plane.
+        (Some(laser), None) if planar && sides_known && seen[laser.index()] >= MIN_SEEN_OF_ONE => Ok(()),
         (Some(laser), None) if planar => Err(Reject::StripeNotFound {
             laser,
             seen_share: seen[laser.index()],
@@ -378,7 +527,7 @@ pub fn measure_box_with_hints(
     times: &mut StageTimes,
 ) -> Result<(BoxReport, [Option<Hint>; 2]), Error> {
     let face = |frame: &Frame, name: &str, times: &mut StageTimes| {
-        measure_face_with_hint(frame, calibration, settings, times).map_err(|e| e.in_context(name))
+        see_face(frame, calibration, settings, times).map_err(|e| e.in_context(name))
     };
     let ((a, hint_a), (b, hint_b)) = match settings.workers.filter(|_| asked_network(settings).is_none()) {
         Some(workers) => {
@@ -394,6 +543,13 @@ pub fn measure_box_with_hints(
     };
     let hints = [hint_a, hint_b];
     let frames = [first, second];
+    if let (Ok(a), Ok(b)) = (&a, &b)
+        && asked_network(settings).is_some()
+        && let Some(report) = likeliest_pair(frames, calibration, settings, [a, b])
+    {
+        return Ok((report, [None, None]));
+    }
+    let (a, b) = (outcome_of(&a), outcome_of(&b));
     let (outcome, warnings, settled) = match (&a, &b) {
         (FaceOutcome::Measured(a), FaceOutcome::Measured(b)) => {
             assemble(frames, [a, b], calibration, settings)
@@ -409,6 +565,41 @@ pub fn measure_box_with_hints(
     }
     let agreed = with_alternatives(frames, calibration, settings, times);
     Ok((agreed.unwrap_or(BoxReport { outcome, faces: [a, b], warnings, settled }), hints))
+}
+
+/// Least probability of a pair of faces ...
+const SURE_PAIR: f64 = 0.7;
+/// ... if one pair in so many that share no side is right all the same: a face measured wrong along the right lines.
+const DISAGREE_THOUGH_RIGHT: f64 = 0.05;
+
+/// Two faces of one box share a side: that tells which of the faces that each frame may show are the right ones. `None` if it does not
+/// make one pair likely enough.
+fn likeliest_pair(
+    frames: [&Frame; 2],
+    calibration: &Calibration,
+    settings: &Settings,
+    seen: [&Seen; 2],
+) -> Option<BoxReport> {
+    let (mut agreeing, mut tried, mut all) = (0.0, 0.0, 0.0);
+    let mut best: Option<(f64, BoxReport)> = None;
+    for (p, a) in seen[0].measured() {
+        for (q, b) in seen[1].measured() {
+            tried += p * q;
+            let (outcome, warnings, settled) = assemble(frames, [a, b], calibration, settings);
+            if matches!(outcome, Outcome::Rejected(_)) {
+                all += DISAGREE_THOUGH_RIGHT * p * q;
+                continue;
+            }
+            agreeing += p * q;
+            if best.as_ref().is_none_or(|(most, _)| p * q > *most) {
+                let faces = [a, b].map(|face| FaceOutcome::Measured(Box::new(face.clone())));
+                best = Some((p * q, BoxReport { outcome, faces, warnings, settled }));
+            }
+        }
+    }
+    // What was not tried may share a side as well.
+    all += agreeing + (1.0 - tried).max(0.0);
+    best.filter(|(most, _)| *most >= SURE_PAIR * all).map(|(_, report)| report)
 }
 
 /// Puts two faces together; where that leaves two boxes, the frames are asked how deep the box is behind the faces.
@@ -443,9 +634,11 @@ fn with_alternatives(
         face_stages(&task, &mut clock).ok()
     });
     let (first, second) = (first?, second?);
+    let [first, second] =
+        [&first, &second].map(|seen| seen.measured().map(|(_, face)| face).collect::<Vec<_>>());
     let mut found: Option<BoxReport> = None;
-    for (i, a) in first.iter().enumerate() {
-        for (j, b) in second.iter().enumerate() {
+    for (i, a) in first.iter().copied().enumerate() {
+        for (j, b) in second.iter().copied().enumerate() {
             // One of the two is as likely as can be: two alternatives at once would agree too easily.
             if i > 0 && j > 0 {
                 continue;

@@ -49,9 +49,9 @@ pub enum Reject {
         /// Sides that were found.
         sides_found: u8,
     },
-    /// The network does not see clearly where the face ends.
+    /// Several lines may be the face's sides.
     OutlineUnsure {
-        /// Mean probability of an edge along the weakest side, 0 to 1.
+        /// Probability that the likeliest four are right, 0 to 1.
         support: f64,
         /// The probability that is needed.
         needed_support: f64,
@@ -177,7 +177,7 @@ impl fmt::Display for Reject {
             }
             Self::OutlineUnsure { support, needed_support, overlap, needed_overlap } => write!(
                 f,
-                "the face's outline is not clear: weakest side {support:.2}, needed {needed_support:.2}; \
+                "the face's outline is not clear: right with a probability of {support:.2}, needed {needed_support:.2}; \
                  overlap with the face {overlap:.2}, needed {needed_overlap:.2}"
             ),
             Self::TooFar { distance_mm, limit_mm } => write!(

@@ -29,6 +29,8 @@ pub(crate) struct FaceStripe {
     pub ends: [StripeEnd; 2],
     /// All places along the whole line, on the plane or not.
     pub points: Vec<StripePoint>,
+    /// How each of them speaks for being on the plane, -1 to 1.
+    pub on_plane_score: Vec<f64>,
     /// Range of `points` that lies on the plane.
     pub on_plane: std::ops::Range<usize>,
     /// Share of the inner segment (between the crossings) that was seen on the plane, 0 to 1.
@@ -429,5 +431,14 @@ fn follow(
         StripeEnd { at: px, uncertainty_px: spacing, runs_on }
     };
     let ends = [place(begin, begin.checked_sub(1)), place(end - 1, (end < points.len()).then_some(end))];
-    Some(FaceStripe { ends, points, on_plane: begin..end, inner_share, seen_share, whole_share })
+    let on_plane_score = points.iter().map(score).collect();
+    Some(FaceStripe {
+        ends,
+        points,
+        on_plane_score,
+        on_plane: begin..end,
+        inner_share,
+        seen_share,
+        whole_share,
+    })
 }

@@ -19,8 +19,6 @@ pub(crate) struct MapOutline {
     pub mm_per_px: f64,
     /// Frame pixels per pixel of the maps.
     pub px_per_raster_px: f64,
-    /// Mean probability of an edge along each side, 0 to 1.
-    pub support: [f32; 4],
     /// Overlap of the rectangle with the mask of the face (intersection over union).
     pub overlap: f32,
 }
@@ -28,7 +26,7 @@ pub(crate) struct MapOutline {
 /// Largest angle between a stripe and the box's edge, as for the stripes' ends: the head is rolled by eye.
 const MAX_ANGLE_DEG: i32 = 32;
 /// Probability from which a pixel counts as edge, and as face.
-pub(crate) const LEAST_EDGE: f32 = 0.15;
+const LEAST_EDGE: f32 = 0.15;
 const LEAST_MASK: f32 = 0.5;
 /// Peaks kept a side; more are print.
 const PEAKS: usize = 3;
@@ -38,27 +36,6 @@ const APART: f64 = 2.5;
 const NEAR: [f64; 5] = [4.0, 3.0, 2.5, 2.0, 1.5];
 /// Samples along a side.
 const SAMPLES: usize = 48;
-
-impl MapOutline {
-    /// Mean probability of the face just outside a side, 0 to 1: clear of the edge's own blur, up to 8 pixels of the maps.
-    pub fn face_beyond(&self, calibration: &Calibration, maps: &FaceMaps, side: usize) -> f32 {
-        let (across, high) = SIDES[side];
-        let unit = self.mm_per_px * self.px_per_raster_px * if high { 1.0 } else { -1.0 };
-        let (from, to) = span_mm(&self.offsets_mm, side);
-        let (mut sum, mut count) = (0.0, 0);
-        for n in 0..SAMPLES {
-            let along = from + (to - from) * (n as f64 + 0.5) / SAMPLES as f64;
-            for beyond in [3.0, 4.5, 6.0, 8.0] {
-                let at = across.at(self.offsets_mm[side] + beyond * unit, along);
-                if let Some(px) = self.raster.pixel(calibration, at) {
-                    sum += maps.at(Channel::FaceMask, px);
-                    count += 1;
-                }
-            }
-        }
-        sum / count.max(1) as f32
-    }
-}
 
 /// A pixel of the maps on the plane.
 struct Spot {
@@ -130,7 +107,6 @@ pub(crate) fn map_outline(
     let candidate = candidate.fitted(&edges, unit);
     let raster = base.turned(candidate.angle);
     Some(MapOutline {
-        support: [0, 1, 2, 3].map(|side| candidate.support(calibration, &base, maps, side)),
         overlap: candidate.exact_overlap(calibration, &base, maps),
         raster,
         offsets_mm: candidate.offsets_mm,

@@ -4,7 +4,6 @@
 use super::combine::{APART_PX, CLEAR_SUPPORT, DRIFT_PX, KEEP, Known, Side, choose};
 use super::corners_outside;
 use super::key_points::crossing_on;
-use super::stripe_ends;
 use crate::calibration::Calibration;
 use crate::edges::side_scan::{EdgeCandidate, ScanRange, SideScan};
 use crate::face::extent::{FaceStripes, Limits, StripeEnd, crossing_lasers, crossing_px};
@@ -12,7 +11,6 @@ use crate::face::map_outline::MapOutline;
 use crate::face::outline::{Across, RoughRectangle, SIDES, span_mm};
 use crate::face::raster::{OnPlane, PlaneRaster};
 use crate::image::Frame;
-use crate::network::FaceMaps;
 use crate::reject::Reject;
 use crate::units::{LaserId, Px};
 
@@ -102,15 +100,12 @@ const MAP_SIGMA: f64 = 0.6;
 /// Farthest from the side in the maps that the image's edge is looked for, pixels of the maps.
 const MAP_REACH: f64 = 2.5;
 
-/// Finds the rectangle when a network has said which one it is: the image's edges beside its sides compete. `least_support` is what
-/// the network must give a side at which the stripes do not both end.
+/// Finds the rectangle when its outline is known to some px: the image's edges beside its sides compete.
 pub(crate) fn snap_to_image(
     frame: &Frame,
     calibration: &Calibration,
     face: &FaceStripes,
     outline: &MapOutline,
-    maps: &FaceMaps,
-    least_support: f32,
 ) -> Result<RoughRectangle, Reject> {
     let open = |found: usize| Reject::RectangleOpen { sides_found: found as u8 };
     let (raster, px) = (outline.raster.on(&face.fit.plane), outline.mm_per_px);
@@ -136,26 +131,6 @@ pub(crate) fn snap_to_image(
         flush[side] =
             pair.iter().zip(outwards).all(|(e, o)| e.runs_on || o > RUNS_BEYOND * LIMIT_BEYOND_PX * px);
         let needed = if flush[side] { SUPPORT_FLUSH } else { LEAST_BESIDE_MAP };
-        let (support, beyond) = (outline.support[side], outline.face_beyond(calibration, maps, side));
-        let both_end = || {
-            ends_here.len() == 2
-                || stripe_ends::find(frame, calibration, &raster, offset, side, face.half_width_px)
-                    .is_some_and(|e| e.agree && e.outwards_mm.abs() < 3.0 * sigma)
-        };
-        let needed_support = match (flush[side], ends_here.len()) {
-            (true, _) => MAP_SUPPORT_FLUSH,
-            _ if both_end() => 0.0,
-            (false, 0) => MAP_SUPPORT_WITHOUT_ENDS,
-            _ => least_support,
-        };
-        if support < needed_support || beyond > MAP_FACE_BEYOND {
-            return Err(Reject::OutlineUnsure {
-                support: f64::from(support),
-                needed_support: f64::from(needed_support),
-                overlap: f64::from(1.0 - beyond),
-                needed_overlap: f64::from(1.0 - MAP_FACE_BEYOND),
-            });
-        }
         let scan = SideScan::new(
             frame,
             calibration,
@@ -239,16 +214,6 @@ const RUNS_BEYOND: f64 = 0.7;
 /// Share of a side on which the image must show an edge where the stripes run on beyond it: a flush neighbour's seam is seen
 /// along the whole side.
 const SUPPORT_FLUSH: f32 = 0.5;
-/// ... and mean probability that the network must give such a side: nothing but the network tells it from a line of print. 90
-/// of 100 right sides of rendered boxes have more.
-const MAP_SUPPORT_FLUSH: f32 = 0.6;
-/// ... and where neither stripe ends at the side, though both end: print or shade may have swallowed them, or the side is the far edge
-/// of the face beside. On the boxes of the pipeline's limits 25 such sides were right and 13 wrong; this refuses 2 of 169 right
-/// faces and 6 of 17 wrong ones.
-const MAP_SUPPORT_WITHOUT_ENDS: f32 = 0.7;
-/// The most of the face that the network may see just beyond a side: 98 of 100 right outlines have less (the same boxes as
-/// for the outline's other limits in the pipeline).
-const MAP_FACE_BEYOND: f32 = 0.33;
 /// ... and where they do not and the network has an edge.
 const LEAST_BESIDE_MAP: f32 = 0.2;
 
@@ -328,7 +293,7 @@ fn direction(ends: &[[End; 2]; 4], mm_per_px: f64) -> Option<f64> {
 }
 
 /// How far out the stripe ends that runs along a side, mm from the raster's middle: the outermost crossing and half its width.
-fn innermost(
+pub(super) fn innermost(
     calibration: &Calibration,
     face: &FaceStripes,
     raster: &PlaneRaster,

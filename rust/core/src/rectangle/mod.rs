@@ -5,7 +5,9 @@
 mod combine;
 pub(crate) mod hypothesize;
 pub(crate) mod key_points;
+mod line_evidence;
 pub(crate) mod refine;
+pub(crate) mod rivals;
 pub(crate) mod rounding;
 mod self_check;
 pub(crate) mod sharp_edge;

@@ -1,0 +1,259 @@
+//! What speaks for a straight line being a side of the face, as one number: the logarithm of its odds against the other lines of that
+//! side. Neither the network's outline, nor the picture's edges, nor the stripes decide alone.
+
+use super::hypothesize::innermost;
+use super::stripe_ends;
+use crate::calibration::Calibration;
+use crate::edges::side_scan::{EdgeCandidate, ScanRange, SideScan};
+use crate::face::extent::FaceStripes;
+use crate::face::map_outline::MapOutline;
+use crate::face::outline::{Across, SIDES, span_mm};
+use crate::face::raster::PlaneRaster;
+use crate::image::Frame;
+use crate::network::{Channel, FaceMaps};
+
+/// A line that may be a side.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Line {
+    pub offset_mm: f64,
+    /// Logarithm of its weight among the lines of the side.
+    pub log_weight: f64,
+}
+
+/// All that can speak for a line.
+pub(super) struct Evidence<'a> {
+    pub frame: &'a Frame,
+    pub calibration: &'a Calibration,
+    /// The outline's raster on the plane of the stripes.
+    pub raster: &'a PlaneRaster,
+    pub outline: &'a MapOutline,
+    pub maps: &'a FaceMaps,
+    /// Stripes, followed as far as they go.
+    pub wide: &'a FaceStripes,
+}
+
+/// Weights, fitted by maximum likelihood (each side's right line against its other lines) to the 860 sides of 110 rendered boxes
+/// (`boxline render --held-out --seed 7000 --count 110`). In the order of [`Evidence::log_weight`].
+const STRENGTH: f64 = 4.60;
+const NETWORK: f64 = 1.30;
+const ENDS_ELSEWHERE: f64 = -2.20;
+const END_HERE: f64 = 1.48;
+const CORNERS_STOP: f64 = 2.25;
+const CORNERS_SEEN: f64 = 3.56;
+const ENDED_BEFORE: f64 = -0.30;
+const LEAVES_PLANE: f64 = 1.24;
+const OUTLINE: f64 = 1.47;
+/// Where both stripes go on there is a flush neighbour, whose seam is seen along the whole side, or print on the face.
+const RUN_ON: f64 = 1.12;
+const RUN_ON_UNSEEN: f64 = -3.73;
+
+/// The network's probability of an edge counts up to this: it also draws lines of print, and surely.
+const NETWORK_MOST: f32 = 0.4;
+/// Lines of a side that are kept, their distance and the least share of the side on which they are seen.
+const KEEP: usize = 14;
+const APART_PX: f64 = 5.0;
+const LEAST_STRENGTH: f32 = 0.35;
+/// A line may be turned against the raster by this much from end to end, px.
+const DRIFT_PX: f64 = 8.0;
+/// Stretches to both sides of a line that are looked at begin and end so far from it, px.
+const WINDOW_PX: (f64, f64) = (8.0, 80.0);
+/// A stripe's end and a line are at the same place or not, px: single ends scatter by 2 px, traced ones by a block of rows.
+const SAME_PX: f64 = 5.0;
+const OTHER_PX: f64 = 8.0;
+const SAME_TRACED_PX: f64 = 12.0;
+/// The outline's side is this line if it is no farther, px.
+const OUTLINE_PX: f64 = 12.0;
+/// Evidence of a stripe that one place of 8 px gives, and the most that counts: print hides it for a while.
+const PLACE_PX: f64 = 8.0;
+const MOST_PER_PLACE: f64 = 4.0;
+const MOST_LOST: f64 = 8.0;
+/// A stripe goes on if ending it here loses more than this.
+const LEAST_LOST: f64 = 1.0;
+
+fn sign(side: usize) -> f64 {
+    if SIDES[side].1 { 1.0 } else { -1.0 }
+}
+
+/// A stripe outwards from the middle: places (mm) and the running sum of what speaks for its being on the plane.
+struct StripeSum {
+    sums: Vec<(f64, f64)>,
+    /// Where the sum is largest: the likeliest end, mm, and the sum there.
+    end_mm: f64,
+    most: f64,
+}
+
+impl StripeSum {
+    /// What is lost if it ends here.
+    fn lost(&self, at_mm: f64) -> f64 {
+        let here = self.sums.iter().take_while(|(at, _)| *at <= at_mm).last().map_or(0.0, |(_, sum)| *sum);
+        self.most - here
+    }
+}
+
+impl Evidence<'_> {
+    /// Lines that may be a side, in no order; `offsets_mm` are all four sides as they are known.
+    pub fn lines(&self, side: usize, offsets_mm: &[f64; 4]) -> Option<Vec<Line>> {
+        let (across, high) = SIDES[side];
+        let px = self.outline.mm_per_px;
+        let inner = innermost(self.calibration, self.wide, self.raster, SIDES[side], px)?;
+        let span_mm = span_mm(offsets_mm, side);
+        let outer = self.border_mm(side, span_mm, inner)?;
+        let (from_mm, to_mm) = if high { (inner, outer) } else { (-outer, -inner) };
+        let range = ScanRange { across, from_mm, to_mm, span_mm, step_mm: 0.8 * px };
+        let scan = SideScan::new(self.frame, self.calibration, self.raster, &range);
+        let mut found = scan.candidates(DRIFT_PX * px, APART_PX * px, LEAST_STRENGTH, KEEP);
+        let own = offsets_mm[side];
+        if found.iter().all(|e| (e.offset_mm - own).abs() > APART_PX * px) {
+            found.push(EdgeCandidate { offset_mm: own, strength: 0.0 });
+        }
+        let stripes = self.stripe_sums(side);
+        let line = |e: &EdgeCandidate| Line {
+            offset_mm: e.offset_mm,
+            log_weight: self.log_weight(side, offsets_mm, &stripes, e),
+        };
+        Some(found.iter().map(line).collect())
+    }
+
+    /// How far out the middle of a side stays in the image, mm.
+    fn border_mm(&self, side: usize, span: (f64, f64), inner: f64) -> Option<f64> {
+        const STEP_PX: f64 = 10.0;
+        const MOST_STEPS: u32 = 400;
+        let (right, bottom) = (self.frame.width_px() as f64, self.frame.height_px() as f64);
+        let middle = 0.5 * (span.0 + span.1);
+        let mut outer = inner;
+        for n in 1..MOST_STEPS {
+            let at = inner + f64::from(n) * STEP_PX * self.outline.mm_per_px;
+            let p = self.raster.pixel(self.calibration, SIDES[side].0.at(sign(side) * at, middle))?;
+            if !(p.u > 0.0 && p.v > 0.0 && p.u < right && p.v < bottom) {
+                break;
+            }
+            outer = at;
+        }
+        Some(outer)
+    }
+
+    fn log_weight(
+        &self,
+        side: usize,
+        offsets_mm: &[f64; 4],
+        stripes: &[StripeSum; 2],
+        edge: &EdgeCandidate,
+    ) -> f64 {
+        let (across, _) = SIDES[side];
+        let (px, offset, out_mm) = (self.outline.mm_per_px, edge.offset_mm, sign(side) * edge.offset_mm);
+        let flag = |told: bool| f64::from(u8::from(told));
+        let network =
+            self.map_along(Channel::FaceEdge, across, offset, span_mm(offsets_mm, side)).min(NETWORK_MOST);
+        let ends = stripe_ends::find(
+            self.frame,
+            self.calibration,
+            self.raster,
+            offset,
+            side,
+            self.wide.half_width_px,
+        );
+        let off_px = ends.map_or(f64::INFINITY, |e| (e.outwards_mm / e.mm_per_px).abs());
+        let elsewhere = ends.is_some_and(|e| e.agree) && off_px > OTHER_PX;
+        let same_mm = SAME_TRACED_PX * px;
+        let goes_on = |s: &StripeSum| s.end_mm - out_mm > same_mm && s.lost(out_mm) > LEAST_LOST;
+        let run_on = flag(stripes.iter().all(goes_on));
+        let leave = stripes.iter().all(|s| (s.end_mm - out_mm).abs() < same_mm);
+        let before = |s: &StripeSum| if s.end_mm < out_mm { s.lost(out_mm).min(MOST_LOST) } else { 0.0 };
+        let ended_before = before(&stripes[0]).min(before(&stripes[1]));
+        let (stop, corners) = self.corners(side, offsets_mm, offset);
+        STRENGTH * f64::from(edge.strength)
+            + NETWORK * f64::from(network)
+            + ENDS_ELSEWHERE * flag(elsewhere)
+            + END_HERE * flag(off_px <= SAME_PX)
+            + CORNERS_STOP * stop
+            + CORNERS_SEEN * corners
+            + ENDED_BEFORE * ended_before
+            + LEAVES_PLANE * flag(leave)
+            + run_on * (RUN_ON + RUN_ON_UNSEEN * (1.0 - f64::from(edge.strength)))
+            + OUTLINE * flag((offset - self.outline.offsets_mm[side]).abs() <= OUTLINE_PX * px)
+    }
+
+    /// Mean of a map along a line, the best within a pixel of the map.
+    fn map_along(&self, channel: Channel, across: Across, offset: f64, span: (f64, f64)) -> f32 {
+        const SAMPLES: u32 = 48;
+        let unit = self.maps.px_per_raster_px() * self.outline.mm_per_px;
+        let mean = |offset: f64| {
+            let value = |n: u32| {
+                let along = span.0 + (span.1 - span.0) * (f64::from(n) + 0.5) / f64::from(SAMPLES);
+                let px = self.raster.pixel(self.calibration, across.at(offset, along));
+                px.map_or(0.0, |px| self.maps.at(channel, px))
+            };
+            (0..SAMPLES).map(value).sum::<f32>() / SAMPLES as f32
+        };
+        [-1.0, 0.0, 1.0].map(|k| mean(offset + k * unit)).into_iter().fold(0.0, f32::max)
+    }
+
+    /// Both stripes of a side.
+    fn stripe_sums(&self, side: usize) -> [StripeSum; 2] {
+        let (across, _) = SIDES[side];
+        across.stripes().map(|id| {
+            let stripe = &self.wide.stripes[id.index()];
+            let mut places: Vec<(f64, f64)> = stripe
+                .points
+                .iter()
+                .zip(&stripe.on_plane_score)
+                .filter_map(|(point, score)| {
+                    let at = self.raster.on_plane(self.calibration, point.predicted)?;
+                    Some((sign(side) * across.offset(at), *score))
+                })
+                .filter(|(at, _)| *at >= 0.0)
+                .collect();
+            places.sort_by(|x, y| x.0.total_cmp(&y.0));
+            let length_mm = places.last().map_or(0.0, |l| l.0) - places.first().map_or(0.0, |f| f.0);
+            let spacing_px =
+                length_mm / self.outline.mm_per_px / places.len().saturating_sub(1).max(1) as f64;
+            let each = (spacing_px / PLACE_PX).min(MOST_PER_PLACE);
+            let mut result = StripeSum { sums: Vec::with_capacity(places.len()), end_mm: 0.0, most: 0.0 };
+            let mut sum = 0.0;
+            for (at, score) in places {
+                sum += score * each;
+                result.sums.push((at, sum));
+                if sum > result.most {
+                    (result.most, result.end_mm) = (sum, at);
+                }
+            }
+            result
+        })
+    }
+
+    /// Whether the edges of the two adjacent sides are seen up to a line and not beyond, and the network's probability of a corner
+    /// where they meet it; means of both, 0 to 1.
+    fn corners(&self, side: usize, offsets_mm: &[f64; 4], offset: f64) -> (f64, f64) {
+        let px = self.outline.mm_per_px;
+        let unit = self.maps.px_per_raster_px() * px;
+        let (mut inside, mut beyond, mut corner) = (0.0, 0.0, 0.0);
+        for other in if side < 2 { [2, 3] } else { [0, 1] } {
+            let (across, place) = (SIDES[other].0, offsets_mm[other]);
+            let seen = |from_px: f64, to_px: f64| {
+                let (p, q) = (offset + sign(side) * from_px * px, offset + sign(side) * to_px * px);
+                let range = ScanRange {
+                    across,
+                    from_mm: place - 14.0 * px,
+                    to_mm: place + 14.0 * px,
+                    span_mm: (p.min(q), p.max(q)),
+                    step_mm: 0.8 * px,
+                };
+                let scan = SideScan::new(self.frame, self.calibration, self.raster, &range);
+                let found = scan.candidates(2.0 * px, 3.0 * px, 0.1, 8);
+                let near = found.iter().filter(|e| (e.offset_mm - place).abs() < 6.0 * px);
+                near.map(|e| f64::from(e.strength)).fold(0.0, f64::max)
+            };
+            inside += 0.5 * seen(-WINDOW_PX.1, -WINDOW_PX.0);
+            beyond += 0.5 * seen(WINDOW_PX.0, WINDOW_PX.1);
+            let mut best = 0f32;
+            for (i, j) in (-1..=1).flat_map(|i| (-1..=1).map(move |j| (i, j))) {
+                let at = SIDES[side].0.at(offset + f64::from(i) * unit, place + f64::from(j) * unit);
+                if let Some(px) = self.raster.pixel(self.calibration, at) {
+                    best = best.max(self.maps.at(Channel::Corner, px));
+                }
+            }
+            corner += 0.5 * f64::from(best);
+        }
+        (inside * (1.0 - beyond), corner)
+    }
+}
