@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// The modules of `rust/core/src`, lowest first. A new module gets its line here.
-const MODULES: [&str; 26] = [
+const MODULES: [&str; 27] = [
     "eigen",
     "units",
     "error",
@@ -16,6 +16,7 @@ const MODULES: [&str; 26] = [
     "image",
     "network",
     "measurement",
+    "alternatives",
     "camera",
     "calibration",
     "paper_head",

@@ -5,6 +5,7 @@
 //! Conventions (frames, units, pixel origin): `rust/CONVENTIONS.md`.
 #![forbid(unsafe_code)]
 
+mod alternatives;
 mod box_depth;
 pub mod calib;
 pub mod calibration;

@@ -1,5 +1,6 @@
 //! The one place that knows all stages and runs them in order.
 
+use crate::alternatives::{Alternative, SURE_FACE, Seen, likeliest_pair, weighed};
 use crate::box_depth;
 use crate::calibration::Calibration;
 use crate::cuboid;
@@ -99,35 +100,6 @@ pub fn measure_face_with_hint(
 ) -> Result<(FaceOutcome, Option<Hint>), Error> {
     let (seen, hint) = see_face(frame, calibration, settings, times)?;
     Ok((outcome_of(&seen), hint))
-}
-
-/// A face that a frame may show.
-struct Alternative {
-    /// That its sides are the right lines.
-    probability: f64,
-    face: Result<Box<FaceMeasurement>, Reject>,
-}
-
-/// What a frame shows: the face or, if a network has said where it is, the faces it may be, likeliest first.
-struct Seen {
-    alternatives: Vec<Alternative>,
-    /// Why the likeliest does not count by itself.
-    unsure: Option<Reject>,
-}
-
-impl Seen {
-    /// The face alone.
-    fn face(&self) -> Result<&FaceMeasurement, Reject> {
-        match (&self.unsure, self.alternatives.first().map(|a| &a.face)) {
-            (Some(reject), _) | (None, Some(Err(reject))) => Err(reject.clone()),
-            (None, Some(Ok(face))) => Ok(face),
-            (None, None) => Err(Reject::RectangleOpen { sides_found: 0 }),
-        }
-    }
-
-    fn measured(&self) -> impl Iterator<Item = (f64, &FaceMeasurement)> {
-        self.alternatives.iter().filter_map(|a| Some((a.probability, &**a.face.as_ref().ok()?)))
-    }
 }
 
 fn outcome_of(seen: &Result<Seen, Reject>) -> FaceOutcome {
@@ -339,57 +311,20 @@ fn measure_seen_outline(
     clock.lap("outline");
     let best = rivals.first().ok_or(Reject::RectangleOpen { sides_found: 0 })?;
     clock.see(&best.outline.raster, &best.outline.offsets_mm);
-    let mut alternatives: Vec<Alternative> = Vec::with_capacity(rivals.len());
-    let mut odds = Odds { right: 0.0, failed: 0.0, untried: 1.0 };
-    for Rival { outline, probability } in &rivals {
-        let face = measure_outline(task, inner, outline, clock).map(Box::new);
-        odds.untried -= probability;
-        *if face.is_ok() { &mut odds.right } else { &mut odds.failed } += probability;
-        // Lines beside each other often lead to the same edge.
-        let same =
-            |known: &&mut Alternative| matches!((&known.face, &face), (Ok(p), Ok(q)) if same_corners(p, q));
-        match alternatives.iter_mut().find(same) {
-            Some(known) => known.probability += probability,
-            None => alternatives.push(Alternative { probability: *probability, face }),
-        }
-    }
+    let measured = rivals.iter().map(|Rival { outline, probability }| Alternative {
+        probability: *probability,
+        face: measure_outline(task, inner, outline, clock).map(Box::new),
+    });
+    let alternatives = weighed(measured.collect());
     // A plane on which no outline can be measured is none.
     if alternatives.iter().all(|a| a.face.is_err())
         && let Some(Alternative { face: Err(reject), .. }) = alternatives.first()
     {
         return Err(reject.clone());
     }
-    for alternative in &mut alternatives {
-        alternative.probability *= odds.scale(alternative.face.is_ok());
-    }
-    alternatives.sort_by(|x, y| y.probability.total_cmp(&x.probability));
     let likeliest = alternatives.first().map_or(0.0, |a| a.probability);
     let unsure = (likeliest < SURE_FACE).then(|| unclear(maps, likeliest, f64::from(outline.overlap)));
     Ok(Seen { alternatives, unsure })
-}
-
-/// How probable it is that the right outline is among those that could be measured, those that could not, and those not tried.
-struct Odds {
-    right: f64,
-    failed: f64,
-    untried: f64,
-}
-
-impl Odds {
-    /// Outlines along the right lines fail to be measured so much more seldom than others.
-    const FAILS_THOUGH_RIGHT: f64 = 0.25;
-
-    /// What the fact that some could not be measured makes of a probability.
-    fn scale(&self, measured: bool) -> f64 {
-        let total = self.right + Self::FAILS_THOUGH_RIGHT * self.failed + self.untried.max(0.0);
-        (if measured { 1.0 } else { Self::FAILS_THOUGH_RIGHT }) / total.max(f64::MIN_POSITIVE)
-    }
-}
-
-/// Whether two measurements of a frame found the same edges: corners within what edges of the same line scatter.
-fn same_corners(a: &FaceMeasurement, b: &FaceMeasurement) -> bool {
-    const SAME_PX: f64 = 3.0;
-    a.corners_px.iter().all(|p| b.corners_px.iter().any(|q| p.distance_px(*q) < SAME_PX))
 }
 
 /// Measures the face along one outline.
@@ -443,8 +378,6 @@ fn measure_rough(
     }
 }
 
-/// Least probability of a face that counts by itself, without the box's other face.
-const SURE_FACE: f64 = 0.8;
 /// Overlap of the outline with the network's mask below which the maps show no face here; right outlines of rendered boxes have 0.7
 /// and more.
 const LEAST_OVERLAP: f32 = 0.5;
@@ -545,9 +478,14 @@ pub fn measure_box_with_hints(
     let frames = [first, second];
     if let (Ok(a), Ok(b)) = (&a, &b)
         && asked_network(settings).is_some()
-        && let Some(report) = likeliest_pair(frames, calibration, settings, [a, b])
+        && let Some(pair) = likeliest_pair([a, b], |faces| {
+            let assembled = assemble(frames, faces, calibration, settings);
+            (!matches!(assembled.0, Outcome::Rejected(_))).then_some(assembled)
+        })
     {
-        return Ok((report, [None, None]));
+        let (outcome, warnings, settled) = pair.agreed;
+        let faces = pair.faces.map(|face| FaceOutcome::Measured(Box::new(face.clone())));
+        return Ok((BoxReport { outcome, faces, warnings, settled }, [None, None]));
     }
     let (a, b) = (outcome_of(&a), outcome_of(&b));
     let (outcome, warnings, settled) = match (&a, &b) {
@@ -565,41 +503,6 @@ pub fn measure_box_with_hints(
     }
     let agreed = with_alternatives(frames, calibration, settings, times);
     Ok((agreed.unwrap_or(BoxReport { outcome, faces: [a, b], warnings, settled }), hints))
-}
-
-/// Least probability of a pair of faces ...
-const SURE_PAIR: f64 = 0.7;
-/// ... if one pair in so many that share no side is right all the same: a face measured wrong along the right lines.
-const DISAGREE_THOUGH_RIGHT: f64 = 0.05;
-
-/// Two faces of one box share a side: that tells which of the faces that each frame may show are the right ones. `None` if it does not
-/// make one pair likely enough.
-fn likeliest_pair(
-    frames: [&Frame; 2],
-    calibration: &Calibration,
-    settings: &Settings,
-    seen: [&Seen; 2],
-) -> Option<BoxReport> {
-    let (mut agreeing, mut tried, mut all) = (0.0, 0.0, 0.0);
-    let mut best: Option<(f64, BoxReport)> = None;
-    for (p, a) in seen[0].measured() {
-        for (q, b) in seen[1].measured() {
-            tried += p * q;
-            let (outcome, warnings, settled) = assemble(frames, [a, b], calibration, settings);
-            if matches!(outcome, Outcome::Rejected(_)) {
-                all += DISAGREE_THOUGH_RIGHT * p * q;
-                continue;
-            }
-            agreeing += p * q;
-            if best.as_ref().is_none_or(|(most, _)| p * q > *most) {
-                let faces = [a, b].map(|face| FaceOutcome::Measured(Box::new(face.clone())));
-                best = Some((p * q, BoxReport { outcome, faces, warnings, settled }));
-            }
-        }
-    }
-    // What was not tried may share a side as well.
-    all += agreeing + (1.0 - tried).max(0.0);
-    best.filter(|(most, _)| *most >= SURE_PAIR * all).map(|(_, report)| report)
 }
 
 /// Puts two faces together; where that leaves two boxes, the frames are asked how deep the box is behind the faces.
