@@ -33,7 +33,7 @@ pub(super) struct Evidence<'a> {
 }
 
 /// Weights, fitted by maximum likelihood (each side's right line against its other lines) to the 860 sides of 110 rendered boxes
-/// (`boxline render --held-out --seed 7000 --count 110`). In the order of [`Evidence::log_weight`].
+/// (`boxline render --held-out --seed 7000 --count 110`).
 const STRENGTH: f64 = 4.60;
 const NETWORK: f64 = 1.30;
 const ENDS_ELSEWHERE: f64 = -2.20;
@@ -49,6 +49,8 @@ const RUN_ON_UNSEEN: f64 = -3.73;
 
 /// The network's probability of an edge counts up to this: it also draws lines of print, and surely.
 const NETWORK_MOST: f32 = 0.4;
+/// A line that is less likely than the best by this (the logarithm of a hundred) hardly counts.
+const NEGLIGIBLE: f64 = 4.6;
 /// Lines of a side that are kept, their distance and the least share of the side on which they are seen.
 const KEEP: usize = 14;
 const APART_PX: f64 = 5.0;
@@ -107,11 +109,22 @@ impl Evidence<'_> {
             found.push(EdgeCandidate { offset_mm: own, strength: 0.0 });
         }
         let stripes = self.stripe_sums(side);
-        let line = |e: &EdgeCandidate| Line {
+        let weigh = |e: &EdgeCandidate| Line {
             offset_mm: e.offset_mm,
-            log_weight: self.log_weight(side, offsets_mm, &stripes, e),
+            log_weight: self.without_corners(side, offsets_mm, &stripes, e),
         };
-        Some(found.iter().map(line).collect())
+        let mut lines: Vec<Line> = found.iter().map(weigh).collect();
+        lines.sort_by(|a, b| b.log_weight.total_cmp(&a.log_weight));
+        // The corners take most of the time: not for a line that they cannot make likely.
+        let mut best = f64::NEG_INFINITY;
+        for line in &mut lines {
+            if line.log_weight + CORNERS_STOP + CORNERS_SEEN > best - NEGLIGIBLE {
+                let (stop, seen) = self.corners(side, offsets_mm, line.offset_mm);
+                line.log_weight += CORNERS_STOP * stop + CORNERS_SEEN * seen;
+                best = best.max(line.log_weight);
+            }
+        }
+        Some(lines)
     }
 
     /// How far out the middle of a side stays in the image, mm.
@@ -132,7 +145,8 @@ impl Evidence<'_> {
         Some(outer)
     }
 
-    fn log_weight(
+    /// All but what the corners say.
+    fn without_corners(
         &self,
         side: usize,
         offsets_mm: &[f64; 4],
@@ -160,13 +174,10 @@ impl Evidence<'_> {
         let leave = stripes.iter().all(|s| (s.end_mm - out_mm).abs() < same_mm);
         let before = |s: &StripeSum| if s.end_mm < out_mm { s.lost(out_mm).min(MOST_LOST) } else { 0.0 };
         let ended_before = before(&stripes[0]).min(before(&stripes[1]));
-        let (stop, corners) = self.corners(side, offsets_mm, offset);
         STRENGTH * f64::from(edge.strength)
             + NETWORK * f64::from(network)
             + ENDS_ELSEWHERE * flag(elsewhere)
             + END_HERE * flag(off_px <= SAME_PX)
-            + CORNERS_STOP * stop
-            + CORNERS_SEEN * corners
             + ENDED_BEFORE * ended_before
             + LEAVES_PLANE * flag(leave)
             + run_on * (RUN_ON + RUN_ON_UNSEEN * (1.0 - f64::from(edge.strength)))
