@@ -107,37 +107,9 @@ pub(crate) fn likeliest_pair<'a, T>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frames::{Plane, Point};
-    use crate::measurement::SideUncertainty;
-    use crate::units::{Estimate, Px};
-
-    /// A face whose picture is as large as it is, px for mm.
-    fn face(length_mm: f64, width_mm: f64) -> FaceMeasurement {
-        let corner = |u, v| Px::new(u, v);
-        FaceMeasurement {
-            length: Estimate::new(length_mm, 0.4),
-            width: Estimate::new(width_mm, 0.4),
-            plane: Plane::new(nalgebra::Vector3::z() * 1e-3),
-            corners_px: [
-                corner(0.0, 0.0),
-                corner(length_mm, 0.0),
-                corner(length_mm, width_mm),
-                corner(0.0, width_mm),
-            ],
-            corners: [Point::new(0.0, 0.0, 1000.0); 4],
-            key_points_px: [[corner(0.0, 0.0); 2]; 4],
-            rms_px: 0.2,
-            stripe_points_px: Default::default(),
-            edge_points_px: Default::default(),
-            uncertainty: SideUncertainty::default(),
-            corner_angles: None,
-            warnings: Vec::new(),
-            surface: Vec::new(),
-        }
-    }
 
     fn tried(probability: f64, length_mm: f64, width_mm: f64) -> Alternative {
-        Alternative { probability, face: Ok(Box::new(face(length_mm, width_mm))) }
+        Alternative { probability, face: Ok(Box::new(FaceMeasurement::made_up(length_mm, width_mm))) }
     }
 
     fn failed(probability: f64) -> Alternative {

@@ -161,28 +161,12 @@ fn same_box(a: &BoxMeasurement, b: &BoxMeasurement) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frames::{Plane, Point};
     use crate::measurement::SideUncertainty;
-    use crate::units::Px;
     use nalgebra::Matrix2;
 
     fn face(length: f64, width: f64) -> FaceMeasurement {
-        let origin = Px::new(0.0, 0.0);
-        FaceMeasurement {
-            length: Estimate::new(length, 0.4),
-            width: Estimate::new(width, 0.4),
-            plane: Plane::new(nalgebra::Vector3::z() * 1e-3),
-            corners_px: [origin; 4],
-            corners: [Point::new(0.0, 0.0, 1000.0); 4],
-            key_points_px: [[origin; 2]; 4],
-            rms_px: 0.2,
-            stripe_points_px: Default::default(),
-            edge_points_px: Default::default(),
-            uncertainty: SideUncertainty { own_mm2: Matrix2::identity() * 0.16, ..Default::default() },
-            corner_angles: None,
-            warnings: Vec::new(),
-            surface: Vec::new(),
-        }
+        let uncertainty = SideUncertainty { own_mm2: Matrix2::identity() * 0.16, ..Default::default() };
+        FaceMeasurement { uncertainty, ..FaceMeasurement::made_up(length, width) }
     }
 
     fn assembled(first: &FaceMeasurement, second: &FaceMeasurement, choose: Option<usize>) -> Outcome {

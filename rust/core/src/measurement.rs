@@ -214,3 +214,26 @@ pub struct DepthSeen {
 
 /// Time spent in each stage in nanoseconds, in the order in which the stages ran. Only filled by `*_timed` calls.
 pub type StageTimes = Vec<(&'static str, u64)>;
+
+#[cfg(test)]
+impl FaceMeasurement {
+    /// A face straight ahead, with as many px as mm, for tests of what is done with faces.
+    pub(crate) fn made_up(length_mm: f64, width_mm: f64) -> Self {
+        Self {
+            length: Estimate::new(length_mm, 0.4),
+            width: Estimate::new(width_mm, 0.4),
+            plane: Plane::new(nalgebra::Vector3::z() * 1e-3),
+            corners_px: [(0.0, 0.0), (length_mm, 0.0), (length_mm, width_mm), (0.0, width_mm)]
+                .map(|(u, v)| Px::new(u, v)),
+            corners: [Point::new(0.0, 0.0, 1000.0); 4],
+            key_points_px: [[Px::new(0.0, 0.0); 2]; 4],
+            rms_px: 0.2,
+            stripe_points_px: Default::default(),
+            edge_points_px: Default::default(),
+            uncertainty: SideUncertainty::default(),
+            corner_angles: None,
+            warnings: Vec::new(),
+            surface: Vec::new(),
+        }
+    }
+}

@@ -116,19 +116,11 @@ impl Scene {
         });
         let normal: Vector3<f64> = axes.column(2).into();
         FaceMeasurement {
-            length: Estimate::new(self.length_mm, 0.5),
-            width: Estimate::new(self.width_mm, 0.5),
             plane: Plane::new(normal / normal.dot(&self.centre())),
             corners_px: corners.map(px),
             corners: corners.map(Point::from_vector),
             key_points_px,
-            rms_px: 0.3,
-            stripe_points_px: Default::default(),
-            edge_points_px: Default::default(),
-            uncertainty: Default::default(),
-            corner_angles: None,
-            warnings: Vec::new(),
-            surface: Vec::new(),
+            ..FaceMeasurement::made_up(self.length_mm, self.width_mm)
         }
     }
 
