@@ -14,7 +14,6 @@ use crate::units::Px;
 use nalgebra::{SMatrix, SVector};
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::ops::Range;
-use wide::f32x8;
 
 /// Brightness across a side in linear light, one sample a px outwards.
 #[derive(Clone, Debug)]
@@ -211,8 +210,9 @@ pub(crate) fn profile(
 /// that rise over the arc where it has turned by each of [`RISES_RAD`] (one that sets is one that rises and a difference of the first
 /// three).
 const LIGHTS: usize = 4 + RISES_RAD.len();
-/// What each of them gives to a sample; the last lane is for the sample itself.
-type Lights = f32x8;
+/// What each of them gives to a sample; the last is for the sample itself. In 64 bits: what the best lights leave is a millionth of what
+/// they explain.
+type Lights = SVector<f64, { LIGHTS + 1 }>;
 
 /// The arc of one radius under each of the lights; `PER_PX` samples a px from `first_px` on, 0 at the sharp edge. All outside of
 /// `changing` is as what lies next to that.
@@ -242,7 +242,7 @@ impl Arc {
             let (s, c) = turn.sin_cos();
             let rises = RISES_RAD.map(|rise| (turn - rise).sin().max(0.0));
             let [a, b, d] = rises;
-            Lights::from([c, s, 1.0 - c - s, 0.0, a, b, d, 0.0].map(|light| light as f32))
+            Lights::from([c, s, 1.0 - c - s, 0.0, a, b, d, 0.0])
         };
         let px_of = |i: usize| first_px + i as f64 / PER_PX as f64;
         let begin = (0..samples).find(|i| px_of(*i) > first).unwrap_or(samples);
@@ -260,7 +260,7 @@ impl Arc {
         let reach = (3.0 * sigma).ceil() as usize;
         let bell = |k: usize| (-0.5 * ((k as f64 - reach as f64) / sigma).powi(2)).exp();
         let total: f64 = (0..=2 * reach).map(bell).sum();
-        let kernel: Vec<f32> = (0..=2 * reach).map(|k| (bell(k) / total) as f32).collect();
+        let kernel: Vec<f64> = (0..=2 * reach).map(|k| bell(k) / total).collect();
         // What the kernel has before each of its samples.
         let mut before = vec![0.0];
         for w in &kernel {
@@ -275,7 +275,7 @@ impl Arc {
             let part = |m: usize| (m + reach).saturating_sub(i).min(kernel.len());
             let (from, to) = (part(start), part(end));
             let between = kernel[from..to].iter().zip(&self.lights[i + from - reach..]);
-            let sum = between.fold(Lights::ZERO, |sum, (w, light)| sum + *light * *w);
+            let sum = between.fold(Lights::zeros(), |sum, (w, light)| sum + *light * *w);
             lights[i] = first * before[from] + sum + last * (1.0 - before[to]);
         }
         Self { first_px: self.first_px, lights, changing }
@@ -291,7 +291,7 @@ impl Arc {
         let last = self.lights.len() - 1;
         let place = ((px - self.first_px) * PER_PX as f64).clamp(0.0, last as f64);
         let low = (place as u32 as usize).min(last - 1);
-        let w = (place - low as f64) as f32;
+        let w = place - low as f64;
         self.lights[low] * (1.0 - w) + self.lights[low + 1] * w
     }
 }
@@ -303,18 +303,16 @@ struct Equations([Lights; LIGHTS]);
 impl Equations {
     /// Adds samples under the same lights: their weights and weighted values.
     fn add(&mut self, lights: Lights, weight: f64, weighted: f64) {
-        let each = lights.to_array();
-        let mut row = (lights * weight as f32).to_array();
-        row[LIGHTS] = weighted as f32;
-        let row = Lights::from(row);
-        for (sum, light) in self.0.iter_mut().zip(each) {
-            *sum += row * light;
+        let mut row = lights * weight;
+        row[LIGHTS] = weighted;
+        for (sum, light) in self.0.iter_mut().zip(&lights) {
+            *sum += row * *light;
         }
     }
 
     /// How much of the weighted squares the best lights explain, by Cholesky's way; `None` where they are not fixed.
     fn explained(&self) -> Option<f64> {
-        let mut lower = self.0.map(|row| row.to_array().map(f64::from));
+        let mut lower = self.0;
         let mut solved = lower.map(|row| row[LIGHTS]);
         let mut explained = 0.0;
         for a in 0..LIGHTS {
@@ -365,8 +363,8 @@ pub(crate) fn explain(profile: &EdgeProfile, rule: &Rule, view: &SideView) -> Op
         total += weight * value * value;
     }
     for (light, value, weight) in known {
-        beforehand[light][light] += weight as f32;
-        beforehand[light][LIGHTS] = (weight * value) as f32;
+        beforehand[light][light] += weight;
+        beforehand[light][LIGHTS] = weight * value;
         total += weight * value * value;
     }
     let beforehand = Equations(beforehand.map(Lights::from));
