@@ -68,12 +68,12 @@ const MODEL: f64 = 0.01;
 /// Chi-square per degree of freedom from which a profile is not that of a rounded edge: print, a shadow or a neighbour beside it.
 const STRANGE: f64 = 3.0;
 /// What the model leaves out goes together over several px: so many samples tell as much as one. With this and [`MISLEADING`] the mean of
-/// (error / sigma)^2 is 1.02 for 1034 sides of rendered faces and 0.84 for drawn ones.
+/// (error / sigma)^2 is 1.0 for 1034 sides of rendered faces and 0.82 for drawn ones.
 const TOGETHER: f64 = 5.0;
 /// ... and no profile is followed more closely than this share of its variance: a perfect picture is none.
 const LEAST_SHARE: f64 = 0.1;
 /// How likely something else than the arc made a profile that looks like one, against the likelihood of the best arc.
-const MISLEADING: f64 = 0.002;
+const MISLEADING: f64 = 0.005;
 /// No side makes a radius less likely than this, of its best: one in thirty shows something else.
 const DOUBT: f64 = 0.03;
 /// Logarithm of the least likelihood: an exponential that is still a number.
