@@ -91,7 +91,8 @@ impl SideScan {
     /// Gathers the evidence of all segments.
     pub fn new(frame: &Frame, calibration: &Calibration, raster: &PlaneRaster, range: &ScanRange) -> Self {
         let ScanRange { across, from_mm, to_mm, span_mm, step_mm } = *range;
-        let steps = (((to_mm - from_mm) / step_mm).ceil().max(0.0) as usize + 1).min(6000);
+        // Less a hair: ranges are often a whole number of steps, and the last digit must not add one.
+        let steps = (((to_mm - from_mm) / step_mm - 1e-6).ceil().max(0.0) as usize + 1).min(6000);
         let mut strength = vec![0f32; SEGMENTS * steps];
         let mut tones = LineTones::new(steps);
         let mut channels = [const { Vec::new() }; 2];
@@ -167,6 +168,8 @@ impl SideScan {
         keep: usize,
     ) -> Vec<EdgeCandidate> {
         let max_drift = (max_drift_mm / self.step_mm).round().clamp(0.0, 40.0) as i64;
+        // Places are halves of a step and often just so far apart: the last digit must not decide.
+        let apart_mm = apart_mm - 1e-6 * self.step_mm;
         let best = self.best_strengths(max_drift);
         let mut all = Vec::new();
         for (k, strength) in best.iter().copied().enumerate() {
