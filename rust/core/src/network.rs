@@ -4,6 +4,7 @@
 use crate::error::Error;
 use crate::image::Frame;
 use crate::units::{LaserId, Px};
+use std::cell::OnceCell;
 
 /// Number of maps.
 pub const CHANNELS: usize = 9;
@@ -122,13 +123,70 @@ impl FaceMaps {
     }
 }
 
+/// Channels, rows and columns of a [`LineStrip`].
+pub const STRIP: [usize; 3] = [3, 64, 64];
+
+/// What a frame and its maps show beside a straight line that may be a side of the face; made by core, judged by a network.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LineStrip {
+    /// As [`STRIP`]. Columns run along the line, from a fifth of the side before its begin to a fifth beyond its end. Rows 0 to 44: red,
+    /// green and blue (0 to 1) from 95 px inside the face to 95 px outside, a px apart near the line and wider farther off. Rows 45 to
+    /// 62, two for each of nine distances from 64 px inside to 64 px outside: face edge, other edge, face; corner, spill, laser. Row 63: the
+    /// logarithm of the line's odds by all else over 16, the edge's strength, its distance to the outline over 64 px.
+    pub values: Vec<f32>,
+    /// Which of the face's four sides it may be.
+    pub side: usize,
+    /// Its middle, and the direction outwards there (length 1).
+    pub middle: Px,
+    /// See above.
+    pub outwards: [f64; 2],
+    /// Logarithm of its odds by all else: what a network that knows nothing of lines gives.
+    pub log_odds: f32,
+}
+
 /// Finds stripes and edges in a frame, roughly (to about 2 px of a 512 px wide picture).
 pub trait Network: Send + Sync {
+    /// Logarithm of the odds that the line of a strip is the face's side, against the other lines of that side.
+    ///
+    /// # Errors
+    /// As [`Self::maps`].
+    fn line_log_odds(&self, strip: &LineStrip) -> Result<f32, Error> {
+        Ok(strip.log_odds)
+    }
+
     /// The maps of a frame.
     ///
     /// # Errors
     /// The runtime fails; never because of what the frame shows.
     fn maps(&self, frame: &Frame) -> Result<FaceMaps, Error>;
+}
+
+/// A network that was asked about a frame, and what it said.
+pub(crate) struct Asked<'a> {
+    network: &'a dyn Network,
+    pub maps: FaceMaps,
+    failure: OnceCell<Error>,
+}
+
+impl<'a> Asked<'a> {
+    /// Asks for the maps.
+    pub fn new(network: &'a dyn Network, frame: &Frame) -> Result<Self, Error> {
+        Ok(Self { network, maps: network.maps(frame)?, failure: OnceCell::new() })
+    }
+
+    /// As [`Network::line_log_odds`]; what fails is kept for [`Self::finish`].
+    pub fn line_log_odds(&self, strip: &LineStrip) -> f64 {
+        let told = self.network.line_log_odds(strip).unwrap_or_else(|error| {
+            self.failure.get_or_init(|| error);
+            strip.log_odds
+        });
+        f64::from(told)
+    }
+
+    /// What failed meanwhile.
+    pub fn finish(self) -> Result<(), Error> {
+        self.failure.into_inner().map_or(Ok(()), Err)
+    }
 }
 
 #[cfg(test)]

@@ -19,7 +19,7 @@ use crate::image::redness::{Diagonal, RidgeMap, faint_ridge_map, half_redness};
 use crate::measurement::{
     BoxReport, DepthSeen, EdgeMethod, FaceMeasurement, FaceOutcome, Outcome, Settings, StageTimes,
 };
-use crate::network::{FaceMaps, Network};
+use crate::network::{Asked, FaceMaps, Network};
 use crate::rectangle::hypothesize::{Which, cut_by_border, hypothesize, limits, snap_to_image};
 use crate::rectangle::rivals::{Rival, rivals};
 use crate::rectangle::{self, Attempt, Measured};
@@ -131,12 +131,13 @@ fn see_face(
     }
     check_wanted(settings)?;
     let mut clock = Clock::new(times);
-    let maps = asked_network(settings).map(|network| network.maps(frame)).transpose()?;
+    let asked = asked_network(settings).map(|network| Asked::new(network, frame)).transpose()?;
     clock.lap("network");
     check_wanted(settings)?;
-    let task = Task { frame, calibration, settings, maps: maps.as_ref(), which: Which::Best };
+    let task = Task { frame, calibration, settings, asked: asked.as_ref(), which: Which::Best };
     let seen = face_stages(&task, &mut clock);
     check_wanted(settings)?; // what was cut short is no result
+    asked.map_or(Ok(()), Asked::finish)?;
     let seen = seen.map(|mut seen| {
         for alternative in &mut seen.alternatives {
             if let Ok(face) = &alternative.face
@@ -179,12 +180,13 @@ struct Task<'a> {
     frame: &'a Frame,
     calibration: &'a Calibration,
     settings: &'a Settings<'a>,
-    maps: Option<&'a FaceMaps>,
+    asked: Option<&'a Asked<'a>>,
     which: Which,
 }
 
 fn face_stages(task: &Task, clock: &mut Clock<'_>) -> Result<Seen, Reject> {
-    let Task { frame, calibration, maps, .. } = *task;
+    let Task { frame, calibration, asked, .. } = *task;
+    let maps = asked.map(|asked| &asked.maps);
     let diagonals = grid_search::diagonals(calibration);
     let ridges = band_maps(frame, diagonals);
     clock.lap("ridge");
@@ -264,14 +266,14 @@ fn measure_on_plane(
     sight: Sight,
     clock: &mut Clock<'_>,
 ) -> Result<Seen, Reject> {
-    let Task { frame, calibration, maps, which, .. } = *task;
+    let Task { frame, calibration, asked, which, .. } = *task;
     let inner = inner_segments(frame, calibration, &hypothesis.plane, sight);
     clock.lap("stripes");
     let inner = inner.ok_or_else(|| no_box(0.0))?;
     let wide = follow_stripes(frame, calibration, &inner, None);
     clock.lap("stripes");
-    if let Some(maps) = maps {
-        return measure_seen_outline(task, &inner, wide.as_ref(), maps, clock);
+    if let Some(asked) = asked {
+        return measure_seen_outline(task, &inner, wide.as_ref(), asked, clock);
     }
     let face = wide.ok_or_else(|| no_box(0.0))?;
     check_stripes(&face, false)?;
@@ -297,17 +299,18 @@ fn measure_seen_outline(
     task: &Task,
     inner: &InnerSegments,
     wide: Option<&FaceStripes>,
-    maps: &FaceMaps,
+    asked: &Asked<'_>,
     clock: &mut Clock<'_>,
 ) -> Result<Seen, Reject> {
     let Task { frame, calibration, .. } = *task;
+    let maps = &asked.maps;
     let outline = seen_outline(calibration, &inner.plane, maps);
     clock.lap("outline");
     // Why: a face that leaves the image has no outline.
     let outline =
         outline.map_err(|unsure| wide.and_then(|face| cut_by_border(frame, face)).unwrap_or(unsure))?;
     let wide = wide.ok_or_else(|| no_box(0.0))?;
-    let rivals = rivals(frame, calibration, wide, &outline, maps).ok_or_else(|| no_box(0.0))?;
+    let rivals = rivals(frame, calibration, wide, &outline, asked).ok_or_else(|| no_box(0.0))?;
     clock.lap("outline");
     let best = rivals.first().ok_or(Reject::RectangleOpen { sides_found: 0 })?;
     clock.see(&best.outline.raster, &best.outline.offsets_mm);
@@ -352,8 +355,8 @@ fn measure_rough(
     rough: &RoughRectangle,
     clock: &mut Clock<'_>,
 ) -> Result<FaceMeasurement, Reject> {
-    let Task { frame, calibration, settings, maps, .. } = *task;
-    let hough = HoughDetector { maps };
+    let Task { frame, calibration, settings, asked, .. } = *task;
+    let hough = HoughDetector { maps: asked.map(|asked| &asked.maps) };
     let detector: &dyn EdgeDetector = match settings.edges {
         EdgeMethod::Net | EdgeMethod::Gradient => &GradientDetector,
         EdgeMethod::Hough => &hough,
@@ -533,7 +536,7 @@ fn with_alternatives(
 ) -> Option<BoxReport> {
     let mut clock = Clock::new(times);
     let [first, second] = frames.map(|frame| {
-        let task = Task { frame, calibration, settings, maps: None, which: Which::WithAlternatives };
+        let task = Task { frame, calibration, settings, asked: None, which: Which::WithAlternatives };
         face_stages(&task, &mut clock).ok()
     });
     let (first, second) = (first?, second?);

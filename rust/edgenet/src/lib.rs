@@ -1,4 +1,4 @@
-//! The edge network: a frame in, the nine maps of [`boxline::network`] out.
+//! The edge network: a frame in, the nine maps of [`boxline::network`] out; and the small network that looks at single lines.
 //!
 //! [`EdgeNet`] is what the product uses; `engine` below it runs any ONNX file of the same kind on ONNX Runtime
 //! (`onnx_runtime`, where its library is found) or on tract (`tract`, always there); `downscale` makes the input.
@@ -12,20 +12,24 @@ mod tract;
 
 pub use engine::{Engine, Options, Runtime};
 
-use boxline::network::{CHANNELS, FaceMaps, Network};
+use boxline::network::{CHANNELS, FaceMaps, LineStrip, Network};
 use boxline::{Error, ErrorKind, Frame};
 use downscale::Downscaler;
+use std::num::NonZeroUsize;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 /// The weights that ship; `models/boxnet.md` says where they come from.
 const EMBEDDED: &[u8] = include_bytes!("../models/boxnet.onnx");
+/// The network of lines; `models/lines.md`.
+const LINES: &[u8] = include_bytes!("../models/lines.onnx");
 
 /// A loaded network. One frame at a time: calls from several threads wait for each other, so give each thread its own, or
 /// one of them more [`Options::threads`].
 pub struct EdgeNet {
     runtime_name: &'static str,
     state: Mutex<State>,
+    lines: Mutex<Engine>,
 }
 
 /// What a run writes to.
@@ -68,7 +72,14 @@ impl EdgeNet {
             return Err(Error::new(ErrorKind::ModelFile, text));
         }
         let downscaler = Downscaler::new([width, height]);
-        Ok(Self { runtime_name: engine.runtime_name(), state: Mutex::new(State { engine, downscaler }) })
+        // Too small for more than one thread.
+        let single = Options { threads: NonZeroUsize::MIN, ..options.clone() };
+        let lines = Engine::load(LINES, &single).map_err(|e| e.in_context("embedded network of lines"))?;
+        Ok(Self {
+            runtime_name: engine.runtime_name(),
+            state: Mutex::new(State { engine, downscaler }),
+            lines: Mutex::new(lines),
+        })
     }
 
     /// What runs it: `ONNX Runtime` or `tract`.
@@ -92,6 +103,19 @@ impl Network for EdgeNet {
         let [_, _, rows, columns] = engine.output_shape();
         FaceMaps::new(columns, rows, [frame.width_px(), frame.height_px()], values)
             .ok_or_else(|| bad("the network's maps are too small"))
+    }
+
+    fn line_log_odds(&self, strip: &LineStrip) -> Result<f32, Error> {
+        let mut engine = self.lines.lock().unwrap_or_else(PoisonError::into_inner);
+        let bad = |text: &str| Error::new(ErrorKind::ModelFile, text);
+        let input = engine.input_mut();
+        if input.len() != strip.values.len() {
+            return Err(bad("the network of lines wants another strip"));
+        }
+        input.copy_from_slice(&strip.values);
+        let told = engine.run()?;
+        let told = told.first().copied().filter(|told| told.is_finite());
+        told.ok_or_else(|| bad("the network of lines gives no number; its weights are broken"))
     }
 }
 

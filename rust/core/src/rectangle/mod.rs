@@ -6,6 +6,7 @@ mod combine;
 pub(crate) mod hypothesize;
 pub(crate) mod key_points;
 mod line_evidence;
+mod line_strip;
 pub(crate) mod refine;
 pub(crate) mod rivals;
 pub(crate) mod rounding;

@@ -6,7 +6,7 @@ use crate::calibration::Calibration;
 use crate::face::extent::FaceStripes;
 use crate::face::map_outline::MapOutline;
 use crate::image::Frame;
-use crate::network::FaceMaps;
+use crate::network::Asked;
 
 /// One of the outlines.
 #[derive(Clone, Debug)]
@@ -35,10 +35,10 @@ pub(crate) fn rivals(
     calibration: &Calibration,
     wide: &FaceStripes,
     outline: &MapOutline,
-    maps: &FaceMaps,
+    asked: &Asked<'_>,
 ) -> Option<Vec<Rival>> {
     let raster = outline.raster.on(&wide.fit.plane);
-    let evidence = Evidence { frame, calibration, raster: &raster, outline, maps, wide };
+    let evidence = Evidence { frame, calibration, raster: &raster, outline, asked, wide };
     let mut sides = Vec::with_capacity(4);
     for side in 0..4 {
         let lines = evidence.lines(side, &outline.offsets_mm)?;
