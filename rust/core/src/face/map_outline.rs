@@ -2,7 +2,7 @@
 //! the maps. Flush neighbours, print and clutter are told apart here; the exact place of each side comes from the frame.
 
 use super::extent::crossing_px;
-use super::outline::{Across, SIDES, span_mm};
+use super::outline::{Across, SIDES, outward_sign, span_mm};
 use super::raster::{OnPlane, PlaneRaster};
 use crate::calibration::Calibration;
 use crate::frames::{Cam, Plane};
@@ -148,8 +148,7 @@ struct Profile {
 }
 
 fn profile(edges: &[Spot], crossings: &[OnPlane], angle: f64, side: usize, unit: f64) -> Profile {
-    let (across, high) = SIDES[side];
-    let sign = if high { 1.0 } else { -1.0 };
+    let ((across, _), sign) = (SIDES[side], outward_sign(side));
     let offset = |at: OnPlane| sign * across.offset(turned(at, angle));
     let start_mm = crossings.iter().map(|c| offset(*c)).fold(f64::NEG_INFINITY, f64::max);
     let bin_mm = 0.5 * unit;

@@ -51,6 +51,11 @@ impl Across {
 pub(crate) const SIDES: [(Across, bool); 4] =
     [(Across::A, false), (Across::A, true), (Across::B, false), (Across::B, true)];
 
+/// Sign of the direction outwards in a side's offsets.
+pub(crate) fn outward_sign(side: usize) -> f64 {
+    if SIDES[side].1 { 1.0 } else { -1.0 }
+}
+
 /// A rectangle to within some pixels: sides parallel to the raster's axes.
 #[derive(Clone, Debug)]
 pub(crate) struct RoughRectangle {

@@ -8,7 +8,7 @@ use crate::calibration::Calibration;
 use crate::edges::side_scan::{EdgeCandidate, ScanRange, SideScan};
 use crate::face::extent::{FaceStripes, Limits, StripeEnd, crossing_lasers, crossing_px};
 use crate::face::map_outline::MapOutline;
-use crate::face::outline::{Across, RoughRectangle, SIDES, span_mm};
+use crate::face::outline::{Across, RoughRectangle, SIDES, outward_sign, span_mm};
 use crate::face::raster::{OnPlane, PlaneRaster};
 use crate::image::Frame;
 use crate::reject::Reject;
@@ -126,7 +126,7 @@ pub(crate) fn snap_to_image(
             }
         }
         let inner = innermost(calibration, face, &raster, (across, high), px).ok_or_else(|| open(0))?;
-        let sign = if high { 1.0 } else { -1.0 };
+        let sign = outward_sign(side);
         let outwards = pair.map(|e| sign * (across.offset(e.at) - offset));
         flush[side] =
             pair.iter().zip(outwards).all(|(e, o)| e.runs_on || o > RUNS_BEYOND * LIMIT_BEYOND_PX * px);

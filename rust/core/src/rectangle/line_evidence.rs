@@ -8,7 +8,7 @@ use crate::calibration::Calibration;
 use crate::edges::side_scan::{EdgeCandidate, ScanRange, SideScan};
 use crate::face::extent::FaceStripes;
 use crate::face::map_outline::MapOutline;
-use crate::face::outline::{Across, SIDES, span_mm};
+use crate::face::outline::{Across, SIDES, outward_sign, span_mm};
 use crate::face::raster::PlaneRaster;
 use crate::image::Frame;
 use crate::network::{Asked, Channel};
@@ -74,10 +74,6 @@ const MOST_LOST: f64 = 8.0;
 /// A stripe goes on if ending it here loses more than this.
 const LEAST_LOST: f64 = 1.0;
 
-fn sign(side: usize) -> f64 {
-    if SIDES[side].1 { 1.0 } else { -1.0 }
-}
-
 /// A stripe outwards from the middle: places (mm) and the running sum of what speaks for its being on the plane.
 struct StripeSum {
     sums: Vec<(f64, f64)>,
@@ -122,7 +118,7 @@ impl Evidence<'_> {
                 offset_mm: e.offset_mm,
                 span_mm,
                 mm_per_px: px,
-                away_px: sign(side) * (e.offset_mm - own) / px,
+                away_px: outward_sign(side) * (e.offset_mm - own) / px,
                 strength: e.strength,
                 log_odds: (known + CORNERS_STOP * stop + CORNERS_SEEN * seen) as f32,
             };
@@ -141,7 +137,7 @@ impl Evidence<'_> {
         let mut outer = inner;
         for n in 1..MOST_STEPS {
             let at = inner + f64::from(n) * STEP_PX * self.outline.mm_per_px;
-            let p = self.raster.pixel(self.calibration, SIDES[side].0.at(sign(side) * at, middle))?;
+            let p = self.raster.pixel(self.calibration, SIDES[side].0.at(outward_sign(side) * at, middle))?;
             if !(p.u > 0.0 && p.v > 0.0 && p.u < right && p.v < bottom) {
                 break;
             }
@@ -159,7 +155,8 @@ impl Evidence<'_> {
         edge: &EdgeCandidate,
     ) -> f64 {
         let (across, _) = SIDES[side];
-        let (px, offset, out_mm) = (self.outline.mm_per_px, edge.offset_mm, sign(side) * edge.offset_mm);
+        let (px, offset, out_mm) =
+            (self.outline.mm_per_px, edge.offset_mm, outward_sign(side) * edge.offset_mm);
         let flag = |told: bool| f64::from(u8::from(told));
         let network =
             self.map_along(Channel::FaceEdge, across, offset, span_mm(offsets_mm, side)).min(NETWORK_MOST);
@@ -215,7 +212,7 @@ impl Evidence<'_> {
                 .zip(&stripe.on_plane_score)
                 .filter_map(|(point, score)| {
                     let at = self.raster.on_plane(self.calibration, point.predicted)?;
-                    Some((sign(side) * across.offset(at), *score))
+                    Some((outward_sign(side) * across.offset(at), *score))
                 })
                 .filter(|(at, _)| *at >= 0.0)
                 .collect();
@@ -246,7 +243,8 @@ impl Evidence<'_> {
         for other in if side < 2 { [2, 3] } else { [0, 1] } {
             let (across, place) = (SIDES[other].0, offsets_mm[other]);
             let seen = |from_px: f64, to_px: f64| {
-                let (p, q) = (offset + sign(side) * from_px * px, offset + sign(side) * to_px * px);
+                let (p, q) =
+                    (offset + outward_sign(side) * from_px * px, offset + outward_sign(side) * to_px * px);
                 let range = ScanRange {
                     across,
                     from_mm: place - 14.0 * px,

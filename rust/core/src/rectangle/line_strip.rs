@@ -1,7 +1,7 @@
 //! What a frame and the network's maps show along and beside a line, as a picture of one size: [`crate::network::LineStrip`].
 
 use crate::calibration::Calibration;
-use crate::face::outline::SIDES;
+use crate::face::outline::{SIDES, outward_sign};
 use crate::face::raster::PlaneRaster;
 use crate::image::Frame;
 use crate::network::{Channel, FaceMaps, LineStrip, STRIP};
@@ -51,8 +51,7 @@ pub(super) fn strip(
     maps: &FaceMaps,
     place: &Place,
 ) -> Option<LineStrip> {
-    let (across, high) = SIDES[place.side];
-    let sign = if high { 1.0 } else { -1.0 };
+    let ((across, _), sign) = (SIDES[place.side], outward_sign(place.side));
     let (from, to) = place.span_mm;
     let pixel = |column: f64, out_px: f64| {
         let along = from + (to - from) * ((1.0 + 2.0 * BEYOND) * column / COLUMNS as f64 - BEYOND);
@@ -152,8 +151,8 @@ mod tests {
         let raster = PlaneRaster::new(&head, &plane, at, Px::new(1500.0, 1150.0)).expect("in view");
         let (frame, maps) = told_places();
         let mm_per_px = raster.mm_per_px(&head, nalgebra::Vector2::new(0.0, 0.0)).expect("in view");
-        for (side, (across, high)) in SIDES.into_iter().enumerate() {
-            let sign = if high { 1.0 } else { -1.0 };
+        for (side, (across, _)) in SIDES.into_iter().enumerate() {
+            let sign = outward_sign(side);
             let place = Place {
                 side,
                 offset_mm: sign * 120.0,

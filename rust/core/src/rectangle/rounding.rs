@@ -8,7 +8,7 @@ use super::sharp_edge::{Correction, Rule, middle, normal, outwards};
 use super::stripe_ends::StripeEnds;
 use crate::calibration::Calibration;
 use crate::edges::{light, linear_light};
-use crate::face::outline::{SIDES, span_mm};
+use crate::face::outline::{SIDES, outward_sign, span_mm};
 use crate::image::Frame;
 use crate::units::Px;
 use nalgebra::{SMatrix, SVector};
@@ -148,11 +148,11 @@ pub(crate) fn profile(
     view: &SideView,
     keep_out: &[(Px, f64)],
 ) -> Option<EdgeProfile> {
-    let (across, high) = SIDES[side];
+    let (across, _) = SIDES[side];
     let (from, to) = span_mm(&fit.offsets_mm, side);
     let (inside_px, outside_px) = reach_px(view);
     let samples = inside_px + outside_px + 1;
-    let beside = |px: f64| fit.offsets_mm[side] + px * view.mm_per_px * if high { 1.0 } else { -1.0 };
+    let beside = |px: f64| fit.offsets_mm[side] + px * view.mm_per_px * outward_sign(side);
     let pixel = |px: f64, along: f64| fit.raster.pixel(calibration, across.at(beside(px), along));
     let length_px = pixel(0.0, from)?.distance_px(pixel(0.0, to)?);
     let positions = ((length_px / 2.0) as usize).min(MOST_POSITIONS);

@@ -6,7 +6,7 @@
 use super::key_points::crossing_on;
 use crate::calibration::Calibration;
 use crate::edges::redness;
-use crate::face::outline::SIDES;
+use crate::face::outline::{SIDES, outward_sign};
 use crate::face::raster::PlaneRaster;
 use crate::image::Frame;
 use crate::units::{LaserId, Px};
@@ -118,8 +118,7 @@ impl Walk {
         id: LaserId,
         half_width_px: f64,
     ) -> Option<Self> {
-        let (across, high) = SIDES[side];
-        let sign = if high { 1.0 } else { -1.0 };
+        let ((across, _), sign) = (SIDES[side], outward_sign(side));
         let at = |beyond_mm: f64| {
             let offset = offset_mm + sign * beyond_mm;
             let along = crossing_on(calibration, raster, across, offset, id)?;
