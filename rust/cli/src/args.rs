@@ -4,6 +4,8 @@ use crate::workers::Pool;
 use boxline::measurement::USUAL_DRIFT_RAD;
 use boxline::{EdgeMethod, Method, Network, Settings};
 use boxline_edgenet::{EdgeNet, Options};
+#[cfg(feature = "render")]
+use boxline_sim::Hazards;
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -255,6 +257,9 @@ pub struct RenderArgs {
     /// Draw materials and photographs that training never shows
     #[arg(long)]
     pub held_out: bool,
+    /// What may make boxes hard to measure: all, none, or names with commas between them
+    #[arg(long, value_name = "LIST", default_value = "all", value_parser = Hazards::parse)]
+    pub hazards: Hazards,
     /// Write labelled frames to standard output instead (format boxline-stream/1)
     #[arg(long, conflicts_with_all = ["out", "kind", "frames", "off", "head"])]
     pub stream: bool,

@@ -19,10 +19,11 @@ const TIMED_FRAMES: u64 = 200;
 /// Runs `boxline render`.
 pub fn render(args: &RenderArgs) -> anyhow::Result<Finished> {
     let split = if args.held_out { Split::HeldOut } else { Split::Training };
-    let stock = match &args.photos {
+    let mut stock = match &args.photos {
         Some(folder) => Stock::with_photos(split, folder)?,
         None => Stock::new(split),
     };
+    stock.hazards = args.hazards;
     if args.time {
         return time(args, &stock);
     }

@@ -8,6 +8,7 @@
 #![forbid(unsafe_code)]
 
 pub mod error;
+pub mod hazard;
 pub mod head;
 pub mod labels;
 pub mod material;
@@ -26,6 +27,7 @@ pub mod vec3;
 pub mod world;
 
 pub use error::Error;
+pub use hazard::{Hazard, Hazards};
 pub use head::Head;
 pub use photos::Photos;
 pub use raster::Raster;

@@ -4,6 +4,7 @@
 //! split only; geometry and light are common to both. Which kinds these are is listed in [`crate::material::kinds`].
 
 use crate::error::Error;
+use crate::hazard::Hazards;
 use crate::photos::Photos;
 use crate::rng::Rng;
 use std::path::Path;
@@ -52,20 +53,22 @@ pub struct Kind<T> {
     pub what: T,
 }
 
-/// The materials that may be used.
+/// The materials and hazards that may be drawn.
 #[derive(Clone, Debug, Default)]
 pub struct Stock {
     /// Only kinds of this split are drawn.
     pub split: Split,
     /// Only photographs of this split.
     pub photos: Photos,
+    /// Only these hazards.
+    pub hazards: Hazards,
 }
 
 impl Stock {
     /// The kinds of a split, without photographs.
     #[must_use]
     pub fn new(split: Split) -> Self {
-        Self { split, photos: Photos::default() }
+        Self { split, ..Self::default() }
     }
 
     /// Adds those photographs of a folder that belong to the split.
@@ -78,7 +81,7 @@ impl Stock {
             let text = format!("no .jpg here that belongs to the {} split", split.word());
             return Err(Error::new(folder.display().to_string(), text));
         }
-        Ok(Self { split, photos })
+        Ok(Self { split, photos, ..Self::default() })
     }
 
     /// Draws one of a table's kinds of this split.

@@ -72,6 +72,7 @@ pub fn sample(seed: u64, stock: &Stock) -> Result<Sample, Error> {
         "refuse": scene.refuse.map(Refuse::word),
         "occluded": occluded,
         "ambient": scene.light.ambient,
+        "hazards": scene.hazards.iter().map(|h| h.word()).collect::<Vec<_>>(),
         "base": scene.words.base,
         "stand": scene.words.stand,
         "size_mm": pose.map(|p| p.size_mm()),

@@ -34,6 +34,7 @@ pub fn face_truth(head: &Head, scene: &Scene, view: &View, id: &str) -> Value {
     let mut entry = Map::new();
     entry.insert("frame".into(), json!(id));
     entry.insert("ambient".into(), json!(scene.light.ambient));
+    let hazards: Vec<&str> = scene.hazards.iter().map(|h| h.word()).collect();
     if let Some(reason) = scene.refuse {
         entry.insert("refuse".into(), json!(reason.word()));
     }
@@ -64,6 +65,7 @@ pub fn face_truth(head: &Head, scene: &Scene, view: &View, id: &str) -> Value {
             "base": scene.words.base,
             "stand": scene.words.stand,
             "neighbours": scene.words.neighbours,
+            "hazards": hazards,
             "edge_radius_mm": round(target.radius_mm, 3),
             "bulge_mm": round(f64::from(target.bulge_mm[view.face]), 3),
             "gloss": round(f64::from(target.look.gloss), 3),

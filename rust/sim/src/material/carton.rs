@@ -4,9 +4,11 @@ use super::edging::edging;
 use super::ink::{code, word};
 use super::kinds::{Base, CARTONS, INKS, LABELS, MARKS};
 use super::{Art, Decal, Look, Pattern, Surface, closure, linear};
+use crate::hazard::Hazard;
 use crate::rng::Rng;
 use crate::stock::{Kind, Stock};
 use nalgebra::Vector3;
+use std::collections::BTreeSet;
 
 /// A look and the word for its base in the truth file.
 #[derive(Clone, Debug)]
@@ -15,6 +17,8 @@ pub struct Carton {
     pub look: Look,
     /// A word of [`CARTONS`].
     pub base: &'static str,
+    /// Hazards that were drawn.
+    pub hazards: BTreeSet<Hazard>,
 }
 
 /// Half sizes of a face along its picture axes, mm.
@@ -77,7 +81,7 @@ fn drawn(rng: &mut Rng, half: &Vector3<f64>, stock: &Stock, edged: bool) -> Cart
     if rng.chance(0.16) {
         closure::straps(rng, half, stock, &mut decals);
     }
-    Carton { look: Look { surface, decals, gloss }, base: kind.word }
+    Carton { look: Look { surface, decals, gloss }, base: kind.word, hazards: BTreeSet::new() }
 }
 
 fn print(

@@ -2,6 +2,7 @@
 
 use super::light::lighting;
 use super::{Body, Lighting, Role, View, axes, face_half, room, stand};
+use crate::hazard::Hazard;
 use crate::head::Head;
 use crate::material::{Art, Look, Pattern, carton};
 use crate::pose::{FacePose, Refuse, place_face, place_unmeasurable, random_orientation};
@@ -41,6 +42,8 @@ pub struct Scene {
     pub refuse: Option<Refuse>,
     /// For the truth file: base, stand, neighbours.
     pub words: Words,
+    /// Hazards that were drawn and found their place.
+    pub hazards: BTreeSet<Hazard>,
 }
 
 /// Words of the truth file's notes.
@@ -139,6 +142,7 @@ fn attempt(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Option<Scen
         dead: [false; 4],
         refuse: None,
         words: Words { base: carton.base, stand: stand.word, neighbours: Vec::new() },
+        hazards: carton.hazards,
     };
     if let Plan::Refused(reason) = plan {
         scene.refuse = Some(reason);
@@ -302,6 +306,7 @@ pub fn empty(rng: &mut Rng, stock: &Stock) -> Scene {
         dead: [false; 4],
         refuse: Some(Refuse::NoBox),
         words: Words { base: "none", stand: "none", neighbours: Vec::new() },
+        hazards: BTreeSet::new(),
     }
 }
 

@@ -11,6 +11,7 @@ use crate::rng::Rng;
 use crate::solid::FACES;
 use crate::stock::Stock;
 use nalgebra::{Matrix3, Rotation3, Vector3};
+use std::collections::BTreeSet;
 
 /// One box and how it is looked at.
 #[derive(Clone, Debug)]
@@ -81,7 +82,16 @@ fn attempt(rng: &mut Rng, head: &Head, order: &Order, stock: &Stock) -> Option<S
     bodies.extend(room::shell(rng, false, &faces, half.y + 700.0, stock));
     bodies.extend(room::clutter(rng, reach, false, stock));
     let words = compose::Words { base: carton.base, stand: stand.word, neighbours: Vec::new() };
-    let mut scene = Scene { bodies, target: Some(0), light, views, dead: [false; 4], refuse: None, words };
+    let mut scene = Scene {
+        bodies,
+        target: Some(0),
+        light,
+        views,
+        dead: [false; 4],
+        refuse: None,
+        words,
+        hazards: BTreeSet::new(),
+    };
     clear_sight(&mut scene, head, fixed, fixed, &[]);
     expose(rng, &mut scene);
     Some(scene)
