@@ -3,6 +3,7 @@
 use super::edging::edging;
 use super::ink::{code, word};
 use super::kinds::{Base, CARTONS, INKS, LABELS, MARKS};
+use super::lines::false_lines;
 use super::{Art, Decal, Look, Pattern, Surface, closure, linear};
 use crate::hazard::Hazard;
 use crate::rng::Rng;
@@ -81,7 +82,8 @@ fn drawn(rng: &mut Rng, half: &Vector3<f64>, stock: &Stock, edged: bool) -> Cart
     if rng.chance(0.16) {
         closure::straps(rng, half, stock, &mut decals);
     }
-    Carton { look: Look { surface, decals, gloss }, base: kind.word, hazards: BTreeSet::new() }
+    let lines = false_lines(&decals, |face| half_of(face, half));
+    Carton { look: Look { surface, decals, lines, gloss }, base: kind.word, hazards: BTreeSet::new() }
 }
 
 fn print(

@@ -1,6 +1,7 @@
 //! What surfaces look like: [`noise`] tiles, [`surface`] patterns (board, wood, stone), [`ink`] bitmaps (print, labels) and
 //! [`stamp`]s that put them on faces; [`kinds`] lists what there is, [`mod@carton`] draws up the look of one box with its
-//! [`closure`] (flaps, tape, straps) and [`mod@edging`] (print along its edges).
+//! [`closure`] (flaps, tape, straps) and [`mod@edging`] (print along its edges); [`lines`] tells which of that may be taken for an
+//! edge.
 
 pub mod carton;
 pub mod closure;
@@ -8,11 +9,13 @@ pub mod edging;
 pub mod font;
 pub mod ink;
 pub mod kinds;
+pub mod lines;
 pub mod noise;
 pub mod stamp;
 pub mod surface;
 
 pub use carton::carton;
+pub use lines::FalseLine;
 pub use stamp::{Art, Decal, Stamp};
 pub use surface::{Pattern, Surface};
 
@@ -23,6 +26,8 @@ pub struct Look {
     pub surface: Surface,
     /// What is printed, glued and strapped on, bottom first.
     pub decals: Vec<Decal>,
+    /// Straight lines among these that run along edges and may be taken for them.
+    pub lines: Vec<FalseLine>,
     /// Reflectance of the coat at normal incidence as a share; 0.02 is matt board, 0.3 varnish.
     pub gloss: f32,
 }
@@ -31,7 +36,7 @@ impl Look {
     /// A bare surface.
     #[must_use]
     pub const fn bare(surface: Surface, gloss: f32) -> Self {
-        Self { surface, decals: Vec::new(), gloss }
+        Self { surface, decals: Vec::new(), lines: Vec::new(), gloss }
     }
 }
 
