@@ -245,9 +245,12 @@ pub struct RenderArgs {
     /// Frames of a recording that is not of a box
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = frames_per_recording)]
     pub frames: usize,
-    /// Add each view with the lasers off
+    /// Add each view with the lasers off, 1/15 s later: the hand that holds the head has moved a little
     #[arg(long)]
     pub off: bool,
+    /// The head does not move before the view with the lasers off
+    #[arg(long, requires = "off")]
+    pub still: bool,
     /// A head as production scatters it, or the paper's
     #[arg(long, value_enum, default_value_t = HeadName::Random)]
     pub head: HeadName,

@@ -4,7 +4,7 @@ use crate::Finished;
 use crate::args::{HeadName, RenderArgs, RenderKind};
 use crate::input::Usage;
 use anyhow::Context;
-use boxline_sim::recording::{Kind, Recipe, write_recording};
+use boxline_sim::recording::{Hold, Kind, Recipe, write_recording};
 use boxline_sim::stream::{sample, write_stream};
 use boxline_sim::{Split, Stock};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -59,7 +59,7 @@ fn recordings(args: &RenderArgs, out: &Path, stock: &Stock) -> anyhow::Result<Fi
         let recipe = Recipe {
             seed: *seed,
             kind,
-            with_off: args.off,
+            off: args.off.then_some(if args.still { Hold::Still } else { Hold::Hand }),
             nominal_head: matches!(args.head, HeadName::Nominal),
         };
         // A recording appears whole or not at all: it is written beside its place and then moved there.

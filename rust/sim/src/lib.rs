@@ -2,7 +2,7 @@
 //!
 //! One direction: [`rng`] → [`head`] (a calibration and its beams) → [`pose`] (where the head may stand) → [`stock`] (materials
 //! of the training or the held-out split) → [`world`] (boxes, stands, rooms, light) → [`render`] (film, then sensor) → [`truth`] and [`labels`] → [`recording`] and [`stream`].
-//! [`points`] draws boxes without pictures, to ask whether sigmas are true.
+//! [`tremor`] moves the head between a lit picture and its unlit twin; [`points`] draws boxes without pictures, to ask whether sigmas are true.
 //! Everything follows from a seed: the same seed gives the same bytes. Positions are mm; the raster is core's
 //! (pixel centres at integers). Nothing here is part of the measuring program's results.
 #![forbid(unsafe_code)]
@@ -22,6 +22,7 @@ pub mod rng;
 pub mod solid;
 pub mod stock;
 pub mod stream;
+pub mod tremor;
 pub mod truth;
 pub mod vec3;
 pub mod world;

@@ -8,7 +8,8 @@ use crate::render::sensor::Sensor;
 use crate::render::{Options, Stage, expose_film};
 use crate::rng::Rng;
 use crate::stock::Stock;
-use crate::truth::truth;
+use crate::tremor::Motion;
+use crate::truth::{Shot, truth};
 use crate::world::{Plan, Scene, View, compose};
 use jpeg_encoder::{ChromaSubsamplingMethod, ColorType, Encoder, SamplingFactor};
 use serde_json::{Value, json};
@@ -27,6 +28,15 @@ pub enum Kind {
     Refuse(usize),
 }
 
+/// How the head is held from the lit picture to the unlit one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Hold {
+    /// By a hand, which moves.
+    Hand,
+    /// On a stand, which does not.
+    Still,
+}
+
 /// What to write.
 #[derive(Clone, Copy, Debug)]
 pub struct Recipe {
@@ -34,8 +44,8 @@ pub struct Recipe {
     pub seed: u64,
     /// Which frames.
     pub kind: Kind,
-    /// Adds the frames with the lasers off.
-    pub with_off: bool,
+    /// Adds the frames with the lasers off, held so.
+    pub off: Option<Hold>,
     /// The paper's head instead of a random one.
     pub nominal_head: bool,
 }
@@ -80,7 +90,7 @@ pub fn jpeg(rgb: &[u8], seed: u64) -> Result<Vec<u8>, Error> {
 /// # Errors
 /// A file cannot be written.
 pub fn write_recording(folder: &Path, recipe: &Recipe, stock: &Stock) -> Result<(), Error> {
-    let Recipe { seed, kind, with_off, nominal_head } = *recipe;
+    let Recipe { seed, kind, off, nominal_head } = *recipe;
     std::fs::create_dir_all(folder).map_err(|e| Error::file(folder, e))?;
     let head = if nominal_head { Head::nominal()? } else { Head::random(&mut Rng::new(seed, 1))? };
     let mut rng = Rng::new(seed, 2);
@@ -116,17 +126,18 @@ pub fn write_recording(folder: &Path, recipe: &Recipe, stock: &Stock) -> Result<
             _ => format!("{prefix}{:02}", n + 1),
         };
         let frame_seed = crate::rng::mix(seed) ^ n as u64;
-        for lasers in [true, false] {
-            if !lasers && !with_off {
-                continue;
-            }
-            let name = if lasers { id.clone() } else { format!("{id}_off") };
-            let rgb = full_frame(&head, scene, view, lasers, frame_seed, stock);
+        let motion = off.map(|hold| match hold {
+            Hold::Hand => Motion::of_hand(&mut Rng::new(frame_seed, 0x7E30)),
+            Hold::Still => Motion::still(),
+        });
+        let mut shots = vec![(id.clone(), "on", *view)];
+        shots.extend(motion.map(|m| (format!("{id}_off"), "off", m.moved(view))));
+        for (name, laser, view) in shots {
+            let rgb = full_frame(&head, scene, &view, laser == "on", frame_seed, stock);
             write(&folder.join(format!("{name}.jpg")), &jpeg(&rgb, frame_seed)?)?;
-            let laser = if lasers { "on" } else { "off" };
             frames.push(json!({"id": name, "file": format!("{name}.jpg"), "role": "face", "laser": laser}));
         }
-        truths.push((scene, view, id));
+        truths.push(Shot { scene, view, id, off: motion });
     }
     let recording = json!({
         "format": "boxline-recording/1",

@@ -3,6 +3,7 @@
 use crate::head::Head;
 use crate::pose::{Along, FacePose, px_of};
 use crate::stock::Stock;
+use crate::tremor::Motion;
 use crate::world::{Scene, View};
 use serde_json::{Map, Value, json};
 
@@ -28,9 +29,23 @@ pub fn face_of(scene: &Scene, view: &View) -> Option<FacePose> {
     scene.target.map(|t| scene.bodies[t].face(view.face, view))
 }
 
+/// A frame whose truth is to be told.
+#[derive(Clone, Debug)]
+pub struct Shot<'a> {
+    /// What there is.
+    pub scene: &'a Scene,
+    /// Where the head was.
+    pub view: &'a View,
+    /// The frame's name.
+    pub id: String,
+    /// How the head had moved when the unlit picture was taken, if one was.
+    pub off: Option<Motion>,
+}
+
 /// The entry of one frame in `faces`.
 #[must_use]
-pub fn face_truth(head: &Head, scene: &Scene, view: &View, id: &str) -> Value {
+pub fn face_truth(head: &Head, shot: &Shot<'_>, stock: &Stock) -> Value {
+    let Shot { scene, view, id, off } = shot;
     let mut entry = Map::new();
     entry.insert("frame".into(), json!(id));
     entry.insert("ambient".into(), json!(scene.light.ambient));
@@ -38,8 +53,13 @@ pub fn face_truth(head: &Head, scene: &Scene, view: &View, id: &str) -> Value {
     if let Some(reason) = scene.refuse {
         entry.insert("refuse".into(), json!(reason.word()));
     }
+    if let Some(Motion { rotation_rad, translation_mm }) = off {
+        let mrad = [0, 1, 2].map(|i| round(rotation_rad[i] * 1e3, 6));
+        let motion = json!({"rotation_mrad": mrad, "translation_mm": mm(*translation_mm)});
+        entry.insert("off".into(), json!({"cam_from_on": motion}));
+    }
     let (Some(face), Some(target)) = (face_of(scene, view), scene.target.map(|t| &scene.bodies[t])) else {
-        entry.insert("notes".into(), json!({}));
+        entry.insert("notes".into(), json!({"materials": scene.materials(stock)}));
         return Value::Object(entry);
     };
     entry.insert("size_mm".into(), json!(face.size_mm().map(|s| round(s, 4))));
@@ -73,6 +93,7 @@ pub fn face_truth(head: &Head, scene: &Scene, view: &View, id: &str) -> Value {
             "distance_mm": round(face.centre.norm(), 2),
             "angle_to_normal_deg": round(face.angle_to_normal_rad().to_degrees(), 2),
             "face": FACE_WORDS[view.face],
+            "materials": scene.materials(stock),
         }),
     );
     Value::Object(entry)
@@ -80,21 +101,16 @@ pub fn face_truth(head: &Head, scene: &Scene, view: &View, id: &str) -> Value {
 
 /// The whole `truth.json`.
 #[must_use]
-pub fn truth(head: &Head, scenes: &[(&Scene, &View, String)], whole_box: bool, stock: &Stock) -> Value {
-    let face = |(scene, view, id): &(&Scene, &View, String)| {
-        let mut truth = face_truth(head, scene, view, id);
-        truth["notes"]["materials"] = json!(scene.materials(stock));
-        truth
-    };
-    let faces: Vec<Value> = scenes.iter().map(face).collect();
-    let sizes = scenes.first().filter(|_| whole_box).and_then(|(scene, ..)| {
+pub fn truth(head: &Head, shots: &[Shot<'_>], whole_box: bool, stock: &Stock) -> Value {
+    let faces: Vec<Value> = shots.iter().map(|shot| face_truth(head, shot, stock)).collect();
+    let sizes = shots.first().filter(|_| whole_box).and_then(|Shot { scene, .. }| {
         let target = &scene.bodies[scene.target?];
         let mut sides: Vec<f64> = (target.half * 2.0).iter().map(|s| round(*s, 4)).collect();
         sides.sort_by(|a, b| b.total_cmp(a));
         Some(sides)
     });
     let mut all = json!({"box_mm": sizes, "faces": faces});
-    if scenes.iter().any(|(scene, ..)| scene.refuse.is_some()) {
+    if shots.iter().any(|shot| shot.scene.refuse.is_some()) {
         all["must_refuse"] = json!(true);
     }
     all

@@ -5,7 +5,7 @@ use boxline::CameraModel;
 use boxline::frames::Point;
 use boxline_sim::head::SENSOR_PX;
 use boxline_sim::render::{Options, Stage};
-use boxline_sim::truth::{face_of, face_truth};
+use boxline_sim::truth::{Shot, face_of, face_truth};
 use boxline_sim::world::{Plan, compose};
 use boxline_sim::{Head, Raster, Rng, Stock};
 
@@ -38,7 +38,8 @@ fn truth_corners_are_where_the_rays_go() {
     let scene = compose(&mut Rng::new(4, 2), &head, Plan::Box, &stock);
     assert_eq!(scene.views.len(), 2);
     for view in &scene.views {
-        let truth = face_truth(&head, &scene, view, "a");
+        let shot = Shot { scene: &scene, view, id: "a".into(), off: None };
+        let truth = face_truth(&head, &shot, &stock);
         let numbers = |key: &str, i: usize| -> Vec<f64> {
             truth[key][i].as_array().unwrap().iter().map(|n| n.as_f64().unwrap()).collect()
         };
