@@ -1,12 +1,14 @@
 //! Renders frames of boxes under the head's four lasers, with exact truth beside the pixels.
 //!
 //! One direction: [`rng`] → [`head`] (a calibration and its beams) → [`pose`] (where the head may stand) → [`stock`] (materials
-//! of the training or the held-out split) → [`world`] (boxes, stands, rooms, light) → [`render`] (film, then sensor) → [`truth`] and [`labels`] → [`recording`] and [`stream`].
-//! [`tremor`] moves the head between a lit picture and its unlit twin; [`points`] draws boxes without pictures, to ask whether sigmas are true.
+//! of the training or the held-out split) → [`world`] (boxes, stands, rooms, light) → [`render`] (film, then sensor) → [`truth`]
+//! (with [`mod@ends`] of stripes and [`rivals`] of sides) and [`labels`] → [`recording`] (with [`tremor`] between a lit picture and
+//! its unlit twin) and [`stream`]. [`points`] draws boxes without pictures, to ask whether sigmas are true.
 //! Everything follows from a seed: the same seed gives the same bytes. Positions are mm; the raster is core's
 //! (pixel centres at integers). Nothing here is part of the measuring program's results.
 #![forbid(unsafe_code)]
 
+pub mod ends;
 pub mod error;
 pub mod hazard;
 pub mod head;
@@ -18,6 +20,7 @@ pub mod pose;
 pub mod raster;
 pub mod recording;
 pub mod render;
+pub mod rivals;
 pub mod rng;
 pub mod solid;
 pub mod stock;

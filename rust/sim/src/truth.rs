@@ -1,7 +1,9 @@
 //! Exact truth of a frame, in the words of the recordings' format.
 
+use crate::ends::{StripeEnd, stripe_ends};
 use crate::head::Head;
 use crate::pose::{Along, FacePose, px_of};
+use crate::rivals::{FalseLine, false_lines};
 use crate::stock::Stock;
 use crate::tremor::Motion;
 use crate::world::{Scene, View};
@@ -79,6 +81,9 @@ pub fn face_truth(head: &Head, shot: &Shot<'_>, stock: &Stock) -> Value {
     entry.insert("key_points_px".into(), Value::Object(points_px));
     entry.insert("key_points_cam_mm".into(), Value::Object(points_mm));
     entry.insert("runs_along".into(), Value::Object(along));
+    let ends = stripe_ends(head, scene, view, &stock.photos);
+    entry.insert("stripe_ends".into(), ends.iter().map(|end| end_truth(head, end)).collect());
+    entry.insert("false_lines".into(), false_lines(head, scene, view).iter().map(line_truth).collect());
     entry.insert(
         "notes".into(),
         json!({
@@ -97,6 +102,23 @@ pub fn face_truth(head: &Head, shot: &Shot<'_>, stock: &Stock) -> Value {
         }),
     );
     Value::Object(entry)
+}
+
+fn end_truth(head: &Head, end: &StripeEnd) -> Value {
+    json!({
+        "stripe": end.laser + 1,
+        "end": end.end,
+        "side": end.side,
+        "class": end.class.word(),
+        "at_px": px(head, &end.at_mm),
+        "at_mm": mm(end.at_mm),
+        "beyond_mm": end.beyond_mm.map(|b| round(b, 3)),
+        "light_beyond": end.light_beyond,
+    })
+}
+
+fn line_truth(line: &FalseLine) -> Value {
+    json!({"side": line.side, "offset_mm": round(line.offset_mm, 3), "kind": line.kind})
 }
 
 /// The whole `truth.json`.

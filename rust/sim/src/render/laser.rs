@@ -93,11 +93,16 @@ pub struct Trace {
     pub red: f32,
 }
 
+/// Share of a laser's light that a surface sends back: a glossy coat sends part of it elsewhere.
+pub(super) fn coated(albedo: V3, gloss: f32) -> f32 {
+    albedo.x.max(0.0) * (1.0 - 0.6 * gloss)
+}
+
 impl Stage<'_> {
     /// Peak irradiance of a sheet where it meets a surface point and the sheet's standard deviation there, mm;
     /// `None` outside its fan or behind the surface.
     #[inline]
-    fn sheet(&self, beam: &CamBeam, point: V3, normal: V3) -> Option<(f32, f32)> {
+    pub(super) fn sheet(&self, beam: &CamBeam, point: V3, normal: V3) -> Option<(f32, f32)> {
         let to = point - beam.source;
         let inverse = 1.0 / to.norm();
         let cosine = -normal.dot(to) * inverse;
@@ -150,8 +155,7 @@ impl Stage<'_> {
         mut keep: Option<&mut Vec<Trace>>,
     ) {
         let Spot { own, ray, depth, normal } = *spot;
-        // A glossy coat sends part of the laser elsewhere.
-        let red = albedo.x.max(0.0) * (1.0 - 0.6 * gloss) * self.exposure;
+        let red = coated(albedo, gloss) * self.exposure;
         let base = colour.x.max(0.0);
         let room = (1.0 - base).max(0.0);
         let point = ray * depth;
