@@ -38,6 +38,15 @@ fn every_recording_of_the_repository_reads_whole() {
             assert!(frame.file.is_file() && frame.role == Role::Face && frame.laser == Laser::On);
         }
         assert_eq!(truth.must_refuse, name == "refuse");
+        for face in truth.faces.iter().filter(|f| f.corners_px.is_some()) {
+            let notes = &face.notes;
+            assert!(
+                notes.edge_radius_mm.is_some() && notes.distance_mm.is_some() && notes.neighbours.is_some()
+            );
+            // Written before hazards and ends were told; no face bulges.
+            assert_eq!((notes.hazards.as_ref(), notes.bulge_mm), (None, Some(0.0)));
+            assert!(face.stripe_ends.is_empty() && face.false_lines.is_empty() && face.hidden.is_none());
+        }
         assert_eq!(truth.box_mm.is_some(), name.starts_with('b'));
         if name.starts_with('b') {
             assert!(
@@ -89,9 +98,10 @@ fn a_written_recording_reads_the_same() {
 fn broken(file: &str, pointer: &str, value: Option<Value>) -> Vec<u8> {
     let mut whole: Value = serde_json::from_slice(&std::fs::read(data(file)).unwrap()).unwrap();
     let (parent, key) = pointer.rsplit_once('/').unwrap();
-    match value {
-        Some(value) => *whole.pointer_mut(pointer).unwrap() = value,
-        None => drop(whole.pointer_mut(parent).unwrap().as_object_mut().unwrap().remove(key).unwrap()),
+    match (value, whole.pointer_mut(parent).unwrap()) {
+        (Some(value), Value::Object(object)) => drop(object.insert(key.to_owned(), value)),
+        (Some(value), parent) => parent[key.parse::<usize>().unwrap()] = value,
+        (None, parent) => drop(parent.as_object_mut().unwrap().remove(key).unwrap()),
     }
     serde_json::to_vec(&whole).unwrap()
 }
@@ -226,6 +236,29 @@ fn broken_truths_and_boards_name_file_and_field() {
             &["key_points_px.stripe 2: found a list of 1"],
         ),
         ("/faces/1/ambient", Some(json!(7)), &["faces[1].ambient: found 7"]),
+        ("/faces/0/notes/hazards", Some(json!("film")), &["faces[0].notes.hazards: found \"film\", a list"]),
+        (
+            "/faces/0/notes/bulge_mm",
+            Some(json!({"front": "2"})),
+            &["faces[0].notes.bulge_mm.front: found \"2\""],
+        ),
+        ("/faces/0/stripe_ends", Some(json!([{"stripe": 5}])), &["stripe_ends[0].stripe: found 5, 1 to 4"]),
+        (
+            "/faces/0/stripe_ends",
+            Some(json!([{"stripe": 1, "end": 0, "side": 3, "class": "seam"}])),
+            &["faces[0].stripe_ends[0].class: found \"seam\", \"convex\" or \"farther\""],
+        ),
+        ("/faces/0/false_lines", Some(json!([{"side": 4}])), &["false_lines[0].side: found 4, 0 to 3"]),
+        (
+            "/faces/1/hidden",
+            Some(json!({"stripe_ends": [[1, 0], [2]]})),
+            &["faces[1].hidden.stripe_ends[1]: found a list of 1, stripe and end are needed"],
+        ),
+        (
+            "/faces/1/off",
+            Some(json!({"cam_from_on": {"rotation_mrad": [0, 0, 0]}})),
+            &["faces[1].off.cam_from_on.translation_mm: missing"],
+        ),
     ];
     for (pointer, value, parts) in truths {
         let bytes = broken("b02/truth.json", pointer, value.clone());

@@ -92,6 +92,11 @@ impl<'a> Field<'a> {
         }
     }
 
+    /// Whether it has keys.
+    pub fn is_object(&self) -> bool {
+        self.value.is_object()
+    }
+
     /// All keys with their fields.
     pub fn entries(&self) -> Result<Vec<(&'a str, Self)>, Error> {
         let object = self.value.as_object().ok_or_else(|| self.wrong("an object"))?;

@@ -34,6 +34,119 @@ pub struct TruthFace {
     pub refuse: Option<String>,
     /// The light: `office`, `sun`, ...
     pub ambient: Option<String>,
+    /// What is known of the scene beside the geometry.
+    pub notes: TruthNotes,
+    /// Where the stripes end on the face and what lies beyond; empty if the file does not say.
+    pub stripe_ends: Vec<TruthEnd>,
+    /// Lines parallel to a side that can be taken for it.
+    pub false_lines: Vec<TruthLine>,
+    /// What an object before the face hides.
+    pub hidden: Option<TruthHidden>,
+    /// From the camera of the lit frame to that of its unlit twin; `None` if there is no twin, or the file does not say.
+    pub cam_off_from_cam_on: Option<TruthMotion>,
+}
+
+/// Notes of one frame; a file need not have any.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TruthNotes {
+    /// Hazards that were drawn, by name; `None` in files that know of none.
+    pub hazards: Option<Vec<String>>,
+    /// Where boxes touch the box: `left`, `on_top`, ...; `None` if the file does not say.
+    pub neighbours: Option<Vec<String>>,
+    /// From the camera to the face's middle, mm.
+    pub distance_mm: Option<f64>,
+    /// Between the line of sight to the face's middle and its normal, degrees.
+    pub angle_to_normal_deg: Option<f64>,
+    /// Rounding of the edges, mm.
+    pub edge_radius_mm: Option<f64>,
+    /// Outward bulge in the middle of the face that is looked at, mm.
+    pub bulge_mm: Option<f64>,
+}
+
+/// What lies beyond a stripe's end, as the picture shows it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum EndClass {
+    /// The stripe bends away from the head: the next face of the box.
+    Convex,
+    /// It jumps to something farther, or nothing lit is seen beyond.
+    Farther,
+    /// It jumps to something nearer.
+    Nearer,
+    /// It goes on in the face's plane.
+    Flush,
+    /// It bends towards the head.
+    Concave,
+    /// It cannot be told from its surroundings.
+    Dark,
+    /// It is at the picture's border, or outside.
+    Border,
+    /// Something hides it.
+    Occluded,
+}
+
+const END_CLASSES: [(&str, EndClass); 8] = [
+    ("convex", EndClass::Convex),
+    ("farther", EndClass::Farther),
+    ("nearer", EndClass::Nearer),
+    ("flush", EndClass::Flush),
+    ("concave", EndClass::Concave),
+    ("dark", EndClass::Dark),
+    ("border", EndClass::Border),
+    ("occluded", EndClass::Occluded),
+];
+
+/// One end of a stripe on the face.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TruthEnd {
+    /// 1 to 4.
+    pub stripe: u8,
+    /// 0 or 1, in the order of the stripe's key points.
+    pub end: usize,
+    /// Side k joins corners k and k + 1.
+    pub side: usize,
+    /// What lies beyond.
+    pub class: EndClass,
+    /// On the sharp edge, (u, v).
+    pub at_px: Option<[f64; 2]>,
+    /// The same in the camera frame, mm.
+    pub at_mm: [f64; 3],
+    /// How high above the face's plane, towards the head, the next lit surface begins that is seen, mm; `None` if there is none.
+    pub beyond_mm: Option<f64>,
+    /// The stripe is seen 6 to 18 px beyond the end, and nowhere there more than 2 px off its line in the face's plane.
+    pub light_beyond: bool,
+}
+
+/// A straight line near a side and parallel to it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TruthLine {
+    /// Side k joins corners k and k + 1.
+    pub side: usize,
+    /// Distance from the side along the face, mm; outwards is positive.
+    pub offset_mm: f64,
+    /// What it is: `neighbour`, `fan_end`, or a word for print, tape, straps, seams.
+    pub kind: String,
+}
+
+/// What an object before the face hides of it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TruthHidden {
+    /// Sides, wholly or in part.
+    pub sides: Vec<usize>,
+    /// Corners.
+    pub corners: Vec<usize>,
+    /// Ends of stripes: stripe 1 to 4, end 0 or 1.
+    pub stripe_ends: Vec<(u8, usize)>,
+    /// How near the object comes to the face, mm.
+    pub in_front_mm: Option<f64>,
+}
+
+/// A movement of the head: p_off = R p_on + t.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TruthMotion {
+    /// Rotation vector, mrad.
+    pub rotation_mrad: [f64; 3],
+    /// Translation, mm.
+    pub translation_mm: [f64; 3],
 }
 
 /// Reads `truth.json` of a folder; `None` if there is none.
@@ -87,6 +200,108 @@ fn truth_face(face: &Field<'_>) -> Result<TruthFace, Error> {
         key_points_px,
         refuse: text("refuse")?,
         ambient: text("ambient")?,
+        notes: face.optional("notes")?.map_or(Ok(TruthNotes::default()), |f| notes(&f))?,
+        stripe_ends: list(face, "stripe_ends", stripe_end)?,
+        false_lines: list(face, "false_lines", false_line)?,
+        hidden: face.optional("hidden")?.map(|f| hidden(&f)).transpose()?,
+        cam_off_from_cam_on: match face.optional("off")? {
+            Some(off) => off.optional("cam_from_on")?.map(|f| motion(&f)).transpose()?,
+            None => None,
+        },
+    })
+}
+
+/// A list that need not be there.
+fn list<T>(
+    field: &Field<'_>,
+    key: &str,
+    read: impl Fn(&Field<'_>) -> Result<T, Error>,
+) -> Result<Vec<T>, Error> {
+    field.optional(key)?.map_or(Ok(Vec::new()), |f| f.list())?.iter().map(read).collect()
+}
+
+fn notes(field: &Field<'_>) -> Result<TruthNotes, Error> {
+    let number = |key: &str| field.optional(key)?.map(|f| f.number()).transpose();
+    let words = |key: &str| {
+        let text = |f: &Field<'_>| f.text().map(str::to_owned);
+        field.optional(key)?.map(|f| f.list()?.iter().map(text).collect()).transpose()
+    };
+    let bulge_mm = match field.optional("bulge_mm")? {
+        // Older files have an object: faces that bulge, by name.
+        Some(bulge) if bulge.is_object() => match field.optional("face")? {
+            Some(face) => Some(bulge.optional(face.text()?)?.map_or(Ok(0.0), |f| f.number())?),
+            None => bulge.entries()?.is_empty().then_some(0.0),
+        },
+        Some(bulge) => Some(bulge.number()?),
+        None => None,
+    };
+    Ok(TruthNotes {
+        hazards: words("hazards")?,
+        neighbours: words("neighbours")?,
+        distance_mm: number("distance_mm")?,
+        angle_to_normal_deg: number("angle_to_normal_deg")?,
+        edge_radius_mm: number("edge_radius_mm")?,
+        bulge_mm,
+    })
+}
+
+/// A whole number from `low` to `high`.
+fn index(field: &Field<'_>, low: u32, high: u32) -> Result<u32, Error> {
+    let found = field.count()?;
+    let wrong = || field.error(format_args!("found {found}, {low} to {high} are allowed"));
+    if (low..=high).contains(&found) { Ok(found) } else { Err(wrong()) }
+}
+
+fn stripe(field: &Field<'_>) -> Result<u8, Error> {
+    index(field, 1, 4).map(|n| n as u8)
+}
+
+fn side(field: &Field<'_>) -> Result<usize, Error> {
+    index(field, 0, 3).map(|n| n as usize)
+}
+
+fn end(field: &Field<'_>) -> Result<usize, Error> {
+    index(field, 0, 1).map(|n| n as usize)
+}
+
+fn stripe_end(field: &Field<'_>) -> Result<TruthEnd, Error> {
+    Ok(TruthEnd {
+        stripe: stripe(&field.get("stripe")?)?,
+        end: end(&field.get("end")?)?,
+        side: side(&field.get("side")?)?,
+        class: field.get("class")?.one_of(&END_CLASSES)?,
+        at_px: field.optional("at_px")?.map(|f| f.numbers()).transpose()?,
+        at_mm: field.get("at_mm")?.numbers()?,
+        beyond_mm: field.optional("beyond_mm")?.map(|f| f.number()).transpose()?,
+        light_beyond: field.get("light_beyond")?.boolean()?,
+    })
+}
+
+fn false_line(field: &Field<'_>) -> Result<TruthLine, Error> {
+    Ok(TruthLine {
+        side: side(&field.get("side")?)?,
+        offset_mm: field.get("offset_mm")?.number()?,
+        kind: field.get("kind")?.text()?.to_owned(),
+    })
+}
+
+fn hidden(field: &Field<'_>) -> Result<TruthHidden, Error> {
+    let pair = |f: &Field<'_>| match f.list()?.as_slice() {
+        [a, b] => Ok((stripe(a)?, end(b)?)),
+        other => Err(f.error(format_args!("found a list of {}, stripe and end are needed", other.len()))),
+    };
+    Ok(TruthHidden {
+        sides: list(field, "sides", side)?,
+        corners: list(field, "corners", side)?,
+        stripe_ends: list(field, "stripe_ends", pair)?,
+        in_front_mm: field.optional("in_front_mm")?.map(|f| f.number()).transpose()?,
+    })
+}
+
+fn motion(field: &Field<'_>) -> Result<TruthMotion, Error> {
+    Ok(TruthMotion {
+        rotation_mrad: field.get("rotation_mrad")?.numbers()?,
+        translation_mm: field.get("translation_mm")?.numbers()?,
     })
 }
 
