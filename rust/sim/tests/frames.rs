@@ -96,7 +96,7 @@ fn flat_scene() -> (Head, Scene) {
     let head = Head::random(&mut Rng::new(30, 1)).unwrap();
     let mut scene = compose(&mut Rng::new(30, 2), &head, Plan::Face, &Stock::default());
     let target = &mut scene.bodies[scene.target.unwrap()];
-    target.bulge_mm = [0.0; 6];
+    target.shape.bulge_mm = [0.0; 6];
     target.look.decals.clear();
     target.look.gloss = 0.0;
     (head, scene)

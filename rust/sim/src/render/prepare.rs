@@ -142,10 +142,7 @@ impl<'a> Stage<'a> {
         let body: Vec<usize> = placed.iter().map(|p| p.0).collect();
         let mut solids: Vec<Solid> = placed.into_iter().map(|p| p.1).collect();
         for solid in &mut solids {
-            // A rounding smaller than half a pixel is not seen, but costs as much as a large one.
-            if solid.radius < 0.5 * cell_per_mm * solid.nearest {
-                solid.radius = 0.0;
-            }
+            solid.simplify(cell_per_mm * solid.nearest);
         }
         let bodies = || body.iter().map(|i| &scene.bodies[*i]);
         let outlines: Vec<Option<Outline>> = solids.iter().map(|s| outline(s, head, &raster)).collect();
@@ -336,8 +333,7 @@ fn outline(solid: &Solid, head: &Head, raster: &Raster) -> Option<Outline> {
     let (w, h) = (raster.width as f64, raster.height as f64);
     let everything = [[0.0, w], [0.0, h], [0.0, w + h], [-h, w]];
     let mut bounds: Outline = [[f64::INFINITY, f64::NEG_INFINITY]; 4];
-    let grow = v3(1.0, 1.0, 1.0) * solid.bulge.iter().fold(0f32, |a, b| a.max(b.abs()));
-    for corner in corners(solid.half + grow) {
+    for corner in corners(solid.outer()) {
         let p = solid.centre + solid.cam_dir(corner);
         // Points beside or behind the camera have no pixel: then the solid may be anywhere.
         if p.z < 10.0 || p.x.hypot(p.y) > 1.2 * p.z {

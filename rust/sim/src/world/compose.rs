@@ -7,6 +7,7 @@ use crate::head::Head;
 use crate::material::{Art, Look, Pattern, carton};
 use crate::pose::{FacePose, Refuse, place_face, place_unmeasurable, random_orientation};
 use crate::rng::Rng;
+use crate::shape::Shape;
 use crate::solid::FACES;
 use crate::stock::Stock;
 use nalgebra::Vector3;
@@ -115,8 +116,11 @@ fn attempt(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Option<Scen
         centre,
         rotation: nalgebra::Matrix3::identity(),
         half,
-        radius_mm: rng.log_range(0.5, 4.0).min(0.02 * half.min()),
-        bulge_mm: bulges(rng, &half),
+        shape: Shape {
+            radius_mm: rng.log_range(0.5, 4.0).min(0.02 * half.min()),
+            bulge_mm: bulges(rng, &half),
+            ..Shape::default()
+        },
         look: carton.look,
         role: Role::Target,
     };
@@ -336,8 +340,7 @@ pub fn occlude(rng: &mut Rng, scene: &mut Scene, view: &View, head: &Head) {
             centre: view.world(aim),
             rotation: view.cam_from_world.transpose() * turn.into_inner(),
             half: size / 2.0,
-            radius_mm: 0.3 * size.x.min(size.z),
-            bulge_mm: [0.0; FACES],
+            shape: Shape::rounded(0.3 * size.x.min(size.z)),
             look: Look::bare(super::stand::paint(rng, rgb), 0.05),
             role: Role::Occluder,
         };
