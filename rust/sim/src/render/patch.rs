@@ -151,16 +151,11 @@ impl Stage<'_> {
         let depth = patch.offset_mm / patch.normal.dot(ray);
         let point = ray * depth;
         let (u, v) = (patch.right.dot(point) + patch.origin[0], patch.down.dot(point) + patch.origin[1]);
-        let mut albedo = self.surfaces[patch.solid].colour(patch.face, u, v, patch.foot, self.photos);
-        let mut gloss = self.gloss[patch.solid];
-        for stamp in &patch.stamps {
-            stamp.lay(u, v, patch.foot, &mut albedo, &mut gloss, self.photos);
-        }
-        let mut colour =
-            albedo.times(between(&line.arriving)) * (1.0 - 0.5 * gloss) + between(&line.shine) * gloss;
+        let coat = self.coat((patch.solid, patch.face), (u, v), patch.foot, patch.stamps.iter().copied());
+        let mut colour = coat.lit(between(&line.arriving), between(&line.shine));
         if patch.lasers.contains(&true) {
             let spot = Spot { own: patch.solid, ray, depth, normal: patch.normal };
-            self.add_lasers(&mut colour, albedo, gloss, &spot, patch.lasers, pixel, Some(traces));
+            self.add_lasers(&mut colour, coat.laser, coat.gloss, &spot, patch.lasers, pixel, Some(traces));
         }
         Seen { colour, id: face_id(patch.solid, patch.face), depth }
     }

@@ -1,7 +1,7 @@
 //! Puts a scene before the camera: solids in the camera frame, stamps drawn for their distance, candidates per tile.
 
 use crate::head::Head;
-use crate::material::{Stamp, Surface};
+use crate::material::{Stamp, Surface, Wrap};
 use crate::photos::Photos;
 use crate::pose::px_of;
 use crate::raster::Raster;
@@ -91,6 +91,7 @@ pub struct Stage<'a> {
     pub body: Vec<usize>,
     pub(super) surfaces: Vec<Surface>,
     pub(super) gloss: Vec<f32>,
+    pub(super) wraps: Vec<Option<Wrap>>,
     pub(super) stamps: Vec<[Vec<Stamp>; FACES]>,
     /// Which solids cast shadows, with the spheres around them (side by side: most are only looked at and passed over).
     pub(super) casters: Vec<(V3, f32, usize)>,
@@ -225,6 +226,7 @@ impl<'a> Stage<'a> {
             roles: bodies().map(|b| b.role).collect(),
             surfaces: bodies().map(|b| b.look.surface).collect(),
             gloss: bodies().map(|b| b.look.gloss).collect(),
+            wraps: bodies().map(|b| b.look.wrap).collect(),
             body,
             solids,
             stamps,

@@ -117,9 +117,9 @@ fn attempt(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Option<Scen
         rotation: nalgebra::Matrix3::identity(),
         half,
         shape: Shape {
-            radius_mm: rng.log_range(0.5, 4.0).min(0.02 * half.min()),
+            radius_mm: rng.log_range(0.5, 4.0).min(0.02 * half.min()) + carton.shape.radius_mm,
             bulge_mm: bulges(rng, &half),
-            ..Shape::default()
+            ..carton.shape
         },
         look: carton.look,
         role: Role::Target,
