@@ -116,7 +116,7 @@ pub fn labels(stage: &Stage<'_>, film: &Film, head: &Head, face: Option<(&FacePo
     let raster = Raster::covering([head.calibration.width_px(), head.calibration.height_px()], width, height);
     for (i, solid) in stage.solids.iter().enumerate() {
         let own_face = target.filter(|(t, ..)| *t == i).map(|(.., index)| index);
-        if matches!(stage.roles[i], Role::Target | Role::Carton) {
+        if matches!(stage.roles[i], Role::Target | Role::Carton | Role::Flap) {
             edges(&mut canvas, stage, film, &raster, i, solid, own_face);
         }
     }

@@ -1,7 +1,7 @@
 //! Draws a whole scene: box, stand, views that can (or must not) be measured, surroundings, light.
 
 use super::light::lighting;
-use super::{Body, Lighting, Role, View, axes, face_half, room, stand};
+use super::{Body, Lighting, Role, View, axes, face_half, flap, room, stand};
 use crate::hazard::Hazard;
 use crate::head::Head;
 use crate::material::{Art, Look, Pattern, carton};
@@ -111,7 +111,7 @@ fn attempt(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Option<Scen
     for &face in &faces {
         views.push(view(rng, head, plan, face, centre, &half, &stand.bodies)?);
     }
-    let carton = carton(rng, &half, stock);
+    let mut carton = carton(rng, &half, stock);
     let target = Body {
         centre,
         rotation: nalgebra::Matrix3::identity(),
@@ -130,8 +130,22 @@ fn attempt(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Option<Scen
     let reach =
         stand.bodies.iter().fold(half.xy().norm(), |r, b| r.max((b.centre.xy() + b.half.xy()).norm()));
     let (touching, words) = room::neighbours(rng, &size, stand.top_mm, &faces, stock);
+    let mut own = rng.child();
+    let flap = if carton.hazards.remove(&Hazard::OpenFlap) {
+        let fits = |flap: &Body| {
+            views.iter().all(|v| !in_the_way(head, v, &target.face(v.face, v), flap))
+                && !touching.iter().chain(&stand.bodies).any(|b| flap.touches(b))
+        };
+        flap::open_flap(&mut own, &target, carton.flap_axis, &faces, fits)
+    } else {
+        None
+    };
     let mut bodies = vec![target];
     bodies.extend(stand.bodies);
+    if let Some(flap) = flap {
+        carton.hazards.insert(Hazard::OpenFlap);
+        bodies.push(flap);
+    }
     let fixed = bodies.len();
     bodies.extend(touching);
     let near = bodies.len();

@@ -4,6 +4,7 @@
 //! says where the head stands.
 
 pub mod compose;
+pub mod flap;
 pub mod light;
 pub mod room;
 pub mod stand;
@@ -25,6 +26,8 @@ pub enum Role {
     Target,
     /// Another box.
     Carton,
+    /// A flap of a box that stands open.
+    Flap,
     /// What boxes stand on: pallet, table, shelf.
     Stand,
     /// Floor, wall, rack.
@@ -111,6 +114,17 @@ impl Body {
             far = far.min(a.max(b));
         }
         near < far
+    }
+
+    /// Whether one of a grid of points within this body, a plate, lies in or on another.
+    #[must_use]
+    pub fn touches(&self, other: &Self) -> bool {
+        const POINTS: usize = 8;
+        let share = |i: usize| i as f64 / (POINTS - 1) as f64 * 2.0 - 1.0;
+        (0..POINTS * POINTS).any(|i| {
+            let at = Vector3::new(share(i / POINTS) * self.half.x, share(i % POINTS) * self.half.y, 0.0);
+            other.distance_mm(self.centre + self.rotation * at) < self.half.z
+        })
     }
 
     /// Distance of a world point to the body, mm; 0 inside.
