@@ -348,7 +348,7 @@ fn judge(
         return (EndClass::Border, None, false);
     }
     let target = scene.target.expect("a face is looked at");
-    let radius = scene.bodies[target].radius_mm;
+    let radius = scene.bodies[target].shape.radius_mm;
     let before = section.on_plane(-(radius + INSIDE_MM).min(0.25 * reach));
     let shown = light.cast(before).filter(|(body, ..)| *body == target);
     let Some(seen) = shown.and_then(|(body, _, at)| eye.sees(body, at)) else {

@@ -1,7 +1,8 @@
 //! Training labels on a raster of half the frame's size: what a network is to find, from the truth that the rays met.
 //!
 //! Nine channels of 0..255: lasers 1 to 4 on the target face, spill (lasers elsewhere), edges of the target face, edges of
-//! other faces and boxes, the face's mask, its corners. Lines are Gaussians about the exact curve.
+//! other faces and boxes, the face's mask, its corners. Lines are Gaussians about the exact curve: an edge that waves is drawn
+//! where it is, corners are those of the sharp box.
 
 use crate::pose::{FacePose, px_of};
 use crate::render::lit::{NOTHING, face_id};
@@ -115,7 +116,7 @@ pub fn labels(stage: &Stage<'_>, film: &Film, head: &Head, face: Option<(&FacePo
     let raster = Raster::covering([head.calibration.width_px(), head.calibration.height_px()], width, height);
     for (i, solid) in stage.solids.iter().enumerate() {
         let own_face = target.filter(|(t, ..)| *t == i).map(|(.., index)| index);
-        if matches!(stage.roles[i], Role::Target | Role::Carton) {
+        if matches!(stage.roles[i], Role::Target | Role::Carton | Role::Flap) {
             edges(&mut canvas, stage, film, &raster, i, solid, own_face);
         }
     }
@@ -216,25 +217,27 @@ fn edges(
             // The target's edge is seen where its face is; any other where either face is.
             let sides = sides
                 .map(|s| s.filter(|(id, _)| !is_own || own_face.is_some_and(|f| *id == face_id(index, f))));
-            edge(canvas, stage, film, raster, solid, &Edge { ends, sides, channel });
+            edge(canvas, stage, film, raster, solid, &Edge { ends, faces: [first, second], sides, channel });
         }
     }
 }
 
-/// An edge of a solid, in its frame: ends, the faces beside it with the way into them, where it is drawn.
+/// An edge of a solid, in its frame: ends, the faces that meet there, those that are seen with the way into them, where it is
+/// drawn.
 struct Edge {
     ends: [V3; 2],
+    faces: [usize; 2],
     sides: [Option<(u16, V3)>; 2],
     channel: usize,
 }
 
 /// One edge: dots every half a label px where a neighbouring face is seen.
 fn edge(canvas: &mut Canvas, stage: &Stage<'_>, film: &Film, raster: &Raster, solid: &Solid, edge: &Edge) {
-    let Edge { ends, sides, channel } = *edge;
+    let Edge { ends, faces, sides, channel } = *edge;
     const PIECES: usize = 8;
     let cam = |local: V3| solid.centre + solid.cam_dir(local);
     let at = |i: usize, shift: V3| {
-        let local = ends[0] + (ends[1] - ends[0]) * (i as f32 / PIECES as f32);
+        let local = solid.on_edge(faces, ends[0] + (ends[1] - ends[0]) * (i as f32 / PIECES as f32));
         let p = cam(local);
         if p.z < 30.0 {
             return None;

@@ -1,5 +1,7 @@
-//! A cuboid with rounded edges as the ray caster sees it: everything in a scene, floor and walls included, is one.
+//! A cuboid as the ray caster sees it, its edges rounded, its faces bent, its corners pressed in as its [`Shape`] says:
+//! everything in a scene, floor and walls included, is one.
 
+use crate::shape::{Shape, Wave};
 use crate::vec3::{Rows, V3, v3};
 use nalgebra::{Matrix3, Vector3};
 
@@ -41,6 +43,22 @@ pub fn face_uv(face: usize, p: V3) -> (f32, f32) {
     }
 }
 
+/// A face of the cuboid by the axis of its normal and which way that points.
+#[inline]
+#[must_use]
+pub const fn face_of(axis: usize, upwards: bool) -> usize {
+    if upwards { axis * 2 } else { axis * 2 + 1 }
+}
+
+/// The face that meets `face` along one of its edges; edges as its picture axes have them: 0 left, 1 right, 2 upper, 3 lower.
+#[must_use]
+pub fn face_beside(face: usize, side: usize) -> usize {
+    let (right, down) = face_axes(face);
+    let way = [-right, right, -down, down][side % 4];
+    let axis = way.iamax();
+    face_of(axis, way[axis] > 0.0)
+}
+
 /// A cuboid placed in the camera frame.
 #[derive(Clone, Debug)]
 pub struct Solid {
@@ -48,20 +66,55 @@ pub struct Solid {
     to_local: Rows,
     /// The camera's centre in the cuboid's frame.
     camera_local: V3,
-    /// Half sizes, mm.
+    /// Half sizes of the sharp cuboid, mm.
     pub half: V3,
     /// Radius of the edges, mm.
-    pub radius: f32,
+    radius: f32,
     /// Outward bulge in the middle of each face, mm; 0 at its edges.
-    pub bulge: [f32; FACES],
+    bulge: [f32; FACES],
+    waves: Option<Box<[Wave; FACES]>>,
+    cuts: Vec<Cut>,
+    /// No place stands out or back by more, mm; 0 if all faces are flat.
+    bent_by: f32,
+    /// Half sizes of the upright cuboid around all of it, mm.
+    outer: V3,
     /// Centre in the camera frame, mm.
     pub centre: V3,
     /// Radius of the sphere around it, mm.
     pub bound: f32,
     /// Smallest depth of any of its points, mm; 0 if it reaches behind the camera.
     pub nearest: f32,
-    /// Planes that the camera sees, by axis: signed half size, or not a number where the camera is between both.
+    /// Planes of the outer cuboid that the camera sees, by axis: signed half size, or not a number where the camera is between both.
     seen: V3,
+}
+
+/// A corner pressed in: near the vertex only what is inside a ball is left.
+#[derive(Clone, Copy, Debug)]
+struct Cut {
+    /// Where the vertex would be.
+    vertex: V3,
+    reach: f32,
+    centre: V3,
+    radius: f32,
+}
+
+impl Cut {
+    /// The ball meets the three edges at their reach; its middle lies on the corner's diagonal, this many reaches from each face.
+    const DEPTH: f32 = 2.0;
+
+    fn new(vertex: V3, reach: f32) -> Self {
+        let inwards = |x: f32| x - (Self::DEPTH * reach).copysign(x);
+        let to_edge = 2.0 * Self::DEPTH * Self::DEPTH + (Self::DEPTH - 1.0) * (Self::DEPTH - 1.0);
+        let centre = v3(inwards(vertex.x), inwards(vertex.y), inwards(vertex.z));
+        Self { vertex, reach, centre, radius: reach * to_edge.sqrt() }
+    }
+
+    /// Whether a point is near enough to the vertex for the ball to count.
+    #[inline]
+    fn holds(&self, p: V3) -> bool {
+        let near = |vertex: f32, x: f32| (vertex - x) * vertex.signum() < self.reach;
+        near(self.vertex.x, p.x) && near(self.vertex.y, p.y) && near(self.vertex.z, p.z)
+    }
 }
 
 /// Where a camera ray meets a solid.
@@ -86,35 +139,93 @@ impl Solid {
         cam_from_local: &Matrix3<f64>,
         centre: Vector3<f64>,
         half: Vector3<f64>,
-        radius: f64,
-        bulge: [f32; FACES],
+        shape: &Shape,
     ) -> Self {
         let rows = cam_from_local.transpose();
+        let sign = |corner: usize, axis: usize| if corner >> axis & 1 == 1 { 1.0 } else { -1.0 };
         let nearest = (0..8)
             .map(|i| {
-                let sign = |bit: usize| if i >> bit & 1 == 1 { 1.0 } else { -1.0 };
-                (cam_from_local * half.component_mul(&Vector3::new(sign(0), sign(1), sign(2))) + centre).z
+                (cam_from_local * half.component_mul(&Vector3::from_fn(|axis, _| sign(i, axis))) + centre).z
             })
             .fold(f64::INFINITY, f64::min);
-        let most = bulge.iter().fold(0f32, |a, b| a.max(b.abs()));
-        let camera = rows * -centre;
-        let seen =
-            Vector3::from_fn(
-                |i, _| {
-                    if camera[i].abs() > half[i] { half[i].copysign(camera[i]) } else { f64::NAN }
-                },
-            );
-        Self {
+        let mut solid = Self {
             to_local: Rows::new(&rows),
-            camera_local: camera.into(),
-            seen: seen.into(),
+            camera_local: (rows * -centre).into(),
             half: half.into(),
-            radius: (radius.min(half.min() * 0.5)) as f32,
-            bulge,
+            radius: (shape.radius_mm.min(half.min() * 0.5)) as f32,
+            bulge: shape.bulge_mm,
+            waves: shape.waves.clone(),
+            cuts: Vec::new(),
+            bent_by: 0.0,
+            outer: V3::default(),
             centre: centre.into(),
-            bound: half.norm() as f32 + most,
-            nearest: (nearest.max(0.0) as f32 - most).max(0.0),
+            bound: half.norm() as f32,
+            nearest: nearest as f32,
+            seen: V3::default(),
+        };
+        solid.take_bounds();
+        solid.cuts = shape
+            .crushed
+            .iter()
+            .map(|c| {
+                let at = [0, 1, 2].map(|axis| solid.half[axis] * sign(c.corner, axis) as f32);
+                let sharp = v3(at[0], at[1], at[2]);
+                let bent = [0, 1, 2].map(|axis| {
+                    at[axis] + solid.rise(face_of(axis, at[axis] > 0.0), sharp).0.copysign(at[axis])
+                });
+                Cut::new(v3(bent[0], bent[1], bent[2]), c.reach_mm)
+            })
+            .collect();
+        solid.bound += solid.bent_by;
+        solid.nearest = (solid.nearest.max(0.0) - solid.bent_by).max(0.0);
+        solid
+    }
+
+    /// Sets what follows from bulges and waves.
+    fn take_bounds(&mut self) {
+        let bulge = self.bulge.iter().fold(0f32, |a, b| a.max(b.abs()));
+        let wave = self.waves.iter().flat_map(|w| w.iter()).fold(0f32, |a, w| a.max(w.most_mm()));
+        self.bent_by = bulge + wave;
+        self.outer = self.half + v3(1.0, 1.0, 1.0) * self.bent_by;
+        let seen =
+            |outer: f32, camera: f32| if camera.abs() > outer { outer.copysign(camera) } else { f32::NAN };
+        let camera = self.camera_local;
+        self.seen =
+            v3(seen(self.outer.x, camera.x), seen(self.outer.y, camera.y), seen(self.outer.z, camera.z));
+    }
+
+    /// Drops roundings, dents, bulges and waves that are not seen where a pixel covers `pixel_mm`: they cost as much as large ones.
+    pub fn simplify(&mut self, pixel_mm: f32) {
+        if self.radius < 0.5 * pixel_mm {
+            self.radius = 0.0;
         }
+        self.cuts.retain(|c| c.reach > pixel_mm);
+        if self.bent_by > 0.0 && self.bent_by < 0.1 * pixel_mm {
+            (self.bulge, self.waves) = ([0.0; FACES], None);
+            self.take_bounds();
+        }
+    }
+
+    /// Whether faces have bulges or waves.
+    #[inline]
+    #[must_use]
+    pub fn bent(&self) -> bool {
+        self.bent_by > 0.0
+    }
+
+    /// Half sizes of the upright cuboid around the solid in its own frame, mm.
+    #[must_use]
+    pub const fn outer(&self) -> V3 {
+        self.outer
+    }
+
+    /// A point of the sharp edge between two faces, where that edge really is.
+    #[must_use]
+    pub fn on_edge(&self, faces: [usize; 2], sharp: V3) -> V3 {
+        if !self.bent() {
+            return sharp;
+        }
+        faces.iter().fold(sharp, |p, face| p + V3::from(face_normal(*face)) * self.rise(*face, sharp).0)
     }
 
     /// A direction of the camera frame in the solid's.
@@ -144,6 +255,9 @@ impl Solid {
     pub fn hit(&self, ray: V3, limit: f32) -> Option<Hit> {
         let d = self.to_local.apply(ray);
         let o = self.camera_local;
+        if self.bent() {
+            return self.bent_hit(o, d, limit);
+        }
         // The ray enters through the last of the planes that the camera sees; a NaN loses every comparison.
         let (mut near, mut axis) = (0.0, 3);
         let t = (self.seen.x - o.x) / d.x;
@@ -171,21 +285,19 @@ impl Solid {
         if !inside {
             return None;
         }
-        let face = axis * 2 + usize::from(d[axis] > 0.0);
         if self.radius > 0.0 {
             let inner = self.half - v3(self.radius, self.radius, self.radius);
             let a = local.abs();
             let outside =
                 usize::from(a.x > inner.x) + usize::from(a.y > inner.y) + usize::from(a.z > inner.z);
             if outside > 1 {
-                let (_, far, _) = slab(o, d, self.half)?;
-                return self.rounded_hit(o, d, near, far.min(limit));
+                return self.walk(o, d, near, limit);
             }
         }
-        if self.bulge[face] != 0.0 {
-            return Some(self.bulged_hit(o, d, near, face));
+        if !self.cuts.is_empty() && self.cuts.iter().any(|c| c.holds(local)) {
+            return self.walk(o, d, near, limit);
         }
-        Some(Hit { depth: near, face, local, bent: None, rounded: false })
+        Some(Hit { depth: near, face: face_of(axis, d[axis] < 0.0), local, bent: None, rounded: false })
     }
 
     /// 1 / depth at which four rays enter through the plane of an axis that the camera sees; `None` if it sees none.
@@ -200,7 +312,7 @@ impl Solid {
         let o = self.camera_local;
         (0..3).filter_map(|axis| Some((axis, self.entries(directions, axis)?))).any(|(axis, entries)| {
             (0..3).filter(|other| *other != axis).any(|other| {
-                let h = self.half[other];
+                let h = self.outer[other];
                 // A camera between two planes leaves through either.
                 [h, -h].into_iter().filter(|plane| *plane != self.seen[other]).any(|plane| {
                     let way = plane - o[other];
@@ -213,12 +325,6 @@ impl Solid {
     /// Whether the solid is nowhere before a plane on which four corner rays have these inverse depths, or not on their way.
     #[must_use]
     pub fn behind(&self, corners: &[V3; 4], inverse_depths: &[f32; 4]) -> bool {
-        if self.bulge.iter().any(|b| *b != 0.0) {
-            return self.least_depth(corners).is_none_or(|least| {
-                let nearest = inverse_depths.iter().fold(f32::MAX, |a, b| a.min(*b));
-                least * nearest >= 1.0
-            });
-        }
         let directions = corners.map(|c| self.to_local.apply(c));
         let hidden = (0..3)
             .filter_map(|axis| self.entries(&directions, axis))
@@ -231,7 +337,7 @@ impl Solid {
     pub fn least_depth(&self, corners: &[V3; 4]) -> Option<f32> {
         let mut least = self.nearest;
         let directions = corners.map(|c| self.to_local.apply(c));
-        if self.bulge.iter().all(|b| *b == 0.0) && self.passed(&directions) {
+        if self.passed(&directions) {
             return None;
         }
         for axis in 0..3 {
@@ -245,65 +351,131 @@ impl Solid {
             if closest <= 0.0 {
                 return None; // the whole tile looks away from this plane, and so past the solid
             }
-            // A margin for distortion between the corners and for bulges.
+            // A margin for distortion between the corners.
             least = least.max(0.98 / closest - 20.0);
         }
         Some(least)
     }
 
-    /// Walks the ray through the rounding: the distance to the rounded cuboid never oversteps it.
+    /// How far a bent face stands out over the flat one at a point of the solid's frame, mm, and how that changes along the face.
+    #[inline]
+    fn rise(&self, face: usize, p: V3) -> (f32, V3) {
+        let axis = face / 2;
+        let (a, b) = ((axis + 1) % 3, (axis + 2) % 3);
+        let (s, t) = ((p[a] / self.half[a]).clamp(-1.0, 1.0), (p[b] / self.half[b]).clamp(-1.0, 1.0));
+        let (ss, tt) = (1.0 - s * s, 1.0 - t * t);
+        let bulge = self.bulge[face];
+        let (mut height, mut by_s, mut by_t) =
+            (bulge * ss * tt, -2.0 * bulge * s * tt, -2.0 * bulge * t * ss);
+        if let Some(waves) = &self.waves {
+            let (rise, slope) = waves[face].rise(s, t);
+            height += rise;
+            by_s += slope[0];
+            by_t += slope[1];
+        }
+        let mut slope = [0.0; 3];
+        slope[a] = by_s / self.half[a];
+        slope[b] = by_t / self.half[b];
+        (height, v3(slope[0], slope[1], slope[2]))
+    }
+
+    /// [`Solid::hit`] on a solid with bulges or waves: away from a face's rim the ray's meeting with its plane, shifted onto
+    /// the bent face; near the rim, where the neighbours' bends decide, a walk.
+    #[inline(never)]
+    fn bent_hit(&self, o: V3, d: V3, limit: f32) -> Option<Hit> {
+        let (near, _, axis) = slab(o, d, self.outer)?;
+        if near <= 0.0 || near >= limit {
+            return None;
+        }
+        let speed = d[axis].abs();
+        if speed > 0.15 {
+            let face = face_of(axis, d[axis] < 0.0);
+            let flat = (self.half[axis].copysign(-d[axis]) - o[axis]) / d[axis];
+            let (mut depth, mut slope) = (flat, V3::default());
+            // Slopes are a few hundredths, so that three steps suffice.
+            for _ in 0..3 {
+                let rise;
+                (rise, slope) = self.rise(face, o + d * depth);
+                depth = flat - rise / speed;
+            }
+            let local = o + d * depth;
+            let over = self.half - local.abs();
+            let (a, b) = (over[(axis + 1) % 3], over[(axis + 2) % 3]);
+            let rim = self.radius + self.bent_by;
+            if a > rim && b > rim && !self.cuts.iter().any(|c| c.holds(local)) {
+                let bent = Some((V3::from(face_normal(face)) - slope).unit());
+                return (depth < limit).then_some(Hit { depth, face, local, bent, rounded: false });
+            }
+        }
+        self.walk(o, d, near, limit)
+    }
+
+    /// Walks the ray from `near` on onto rounded edges, bent faces and pressed-in corners by Newton's steps, which never
+    /// pass beyond the surface of a convex body; these are convex but for waves of a few hundredths.
     #[cold]
-    fn rounded_hit(&self, o: V3, d: V3, near: f32, far: f32) -> Option<Hit> {
-        let inverse_speed = 1.0 / d.norm();
-        let inner = self.half - v3(self.radius, self.radius, self.radius);
+    fn walk(&self, o: V3, d: V3, near: f32, limit: f32) -> Option<Hit> {
+        let far = slab(o, d, self.outer)?.1.min(limit);
+        let slowest = 0.02 * d.norm();
+        let enough = 0.004 * self.radius.max(1.0);
         let mut depth = near;
         for _ in 0..40 {
-            let p = o + d * depth;
-            let gap = (p.abs() - inner).max(0.0).norm() - self.radius;
-            if gap < 0.004 * self.radius {
-                break;
+            let local = o + d * depth;
+            let (gap, away, rounded) = self.gap_bent(local);
+            if gap < enough {
+                let most = away.abs();
+                let axis =
+                    if most.x >= most.y && most.x >= most.z { 0 } else { 1 + usize::from(most.z > most.y) };
+                return (depth < far).then(|| Hit {
+                    depth,
+                    face: face_of(axis, away[axis] >= 0.0),
+                    local,
+                    bent: Some(away.unit()),
+                    rounded,
+                });
             }
-            depth += gap * inverse_speed;
+            // Along the surface, or away from it, the ray goes on by some gaps.
+            depth += gap / (-away.dot(d)).max(slowest);
             if depth > far {
                 return None;
             }
         }
-        let p = o + d * depth;
-        let q = (p.abs() - inner).max(0.0);
-        let normal = v3(q.x.copysign(p.x), q.y.copysign(p.y), q.z.copysign(p.z)).unit();
-        let most = normal.abs();
-        let axis = if most.x >= most.y && most.x >= most.z { 0 } else { 1 + usize::from(most.z > most.y) };
-        Some(Hit {
-            depth,
-            face: axis * 2 + usize::from(normal[axis] < 0.0),
-            local: p,
-            bent: Some(normal),
-            rounded: true,
-        })
+        None
     }
 
-    /// Shifts a hit along the ray onto the bulged face; two steps suffice for bulges of a few mm.
-    #[cold]
-    fn bulged_hit(&self, o: V3, d: V3, near: f32, face: usize) -> Hit {
-        let axis = face / 2;
-        let (a, b) = ((axis + 1) % 3, (axis + 2) % 3);
-        let rise = self.bulge[face];
-        let mut depth = near;
-        let mut slope = (0.0, 0.0);
-        for _ in 0..3 {
-            let p = o + d * depth;
-            let (s, t) = (p[a] / self.half[a], p[b] / self.half[b]);
-            let (ss, tt) = ((1.0 - s * s).max(0.0), (1.0 - t * t).max(0.0));
-            let height = rise * ss * tt;
-            slope = (-2.0 * rise * s * tt / self.half[a], -2.0 * rise * t * ss / self.half[b]);
-            depth = near - height / d[axis].abs().max(0.05);
+    /// Distance of a point to the solid with all its bends, mm, never more than the true one; which way is away from it; whether
+    /// an edge or a corner is nearest.
+    fn gap_bent(&self, p: V3) -> (f32, V3, bool) {
+        let way = |x: f32| 1f32.copysign(x);
+        let mut outwards = [v3(way(p.x), 0.0, 0.0), v3(0.0, way(p.y), 0.0), v3(0.0, 0.0, way(p.z))];
+        let mut over = p.abs() - self.half;
+        if self.bent() {
+            let mut rises = [0.0; 3];
+            for axis in 0..3 {
+                let (rise, slope) = self.rise(face_of(axis, p[axis] > 0.0), p);
+                rises[axis] = rise;
+                outwards[axis] = outwards[axis] - slope;
+            }
+            over = over - v3(rises[0], rises[1], rises[2]);
         }
-        let side = if face.is_multiple_of(2) { 1.0 } else { -1.0 };
-        let mut n = [0.0; 3];
-        n[axis] = side;
-        n[a] = -slope.0;
-        n[b] = -slope.1;
-        Hit { depth, face, local: o + d * depth, bent: Some(v3(n[0], n[1], n[2]).unit()), rounded: false }
+        let out = (over + v3(1.0, 1.0, 1.0) * self.radius).max(0.0);
+        let length = out.norm();
+        let (mut gap, mut away, mut rounded) = if length > 0.0 {
+            let away = outwards[0] * out.x + outwards[1] * out.y + outwards[2] * out.z;
+            let count = usize::from(out.x > 0.0) + usize::from(out.y > 0.0) + usize::from(out.z > 0.0);
+            (length - self.radius, away * (1.0 / length), count > 1)
+        } else {
+            let axis =
+                if over.x >= over.y && over.x >= over.z { 0 } else { 1 + usize::from(over.z > over.y) };
+            (over[axis], outwards[axis], false)
+        };
+        for cut in self.cuts.iter().filter(|c| c.holds(p)) {
+            let from = p - cut.centre;
+            let distance = from.norm();
+            if distance - cut.radius > gap {
+                (gap, away, rounded) = (distance - cut.radius, from * (1.0 / distance), true);
+            }
+        }
+        (gap, away, rounded)
     }
 
     /// Whether the segment from `from` (camera frame) along `to_light`, whose length is the segment's, meets the solid.
@@ -377,14 +549,13 @@ fn slab(o: V3, d: V3, half: V3) -> Option<(f32, f32, usize)> {
 mod tests {
     use super::*;
 
+    fn shaped(shape: &Shape) -> Solid {
+        let (centre, half) = (Vector3::new(0.0, 0.0, 1000.0), Vector3::new(100.0, 100.0, 100.0));
+        Solid::new(&Matrix3::identity(), centre, half, shape)
+    }
+
     fn cube(radius: f64) -> Solid {
-        Solid::new(
-            &Matrix3::identity(),
-            Vector3::new(0.0, 0.0, 1000.0),
-            Vector3::new(100.0, 100.0, 100.0),
-            radius,
-            [0.0; FACES],
-        )
+        shaped(&Shape::rounded(radius))
     }
 
     #[test]
@@ -430,10 +601,73 @@ mod tests {
 
     #[test]
     fn a_bulge_is_nearer_in_the_middle_and_nothing_at_the_rim() {
-        let mut solid = cube(0.0);
-        solid.bulge[5] = 3.0;
+        let mut bulge_mm = [0.0; FACES];
+        bulge_mm[5] = 3.0;
+        let solid = shaped(&Shape { bulge_mm, ..Shape::default() });
         assert!((solid.hit(v3(0.0, 0.0, 1.0), 1e9).unwrap().depth - 897.0).abs() < 0.01);
         assert!((solid.hit(v3(99.99 / 900.0, 0.0, 1.0), 1e9).unwrap().depth - 900.0).abs() < 0.02);
+    }
+
+    /// Where the front face (towards the camera, at 900 mm) ends on the right at height `y`, mm: rays before it meet the solid.
+    fn right_end(solid: &Solid, y: f32) -> f32 {
+        let (mut low, mut high) = (50.0f32, 120.0f32);
+        for _ in 0..40 {
+            let middle = 0.5 * (low + high);
+            if solid.hit(v3(middle / 900.0, y / 900.0, 1.0), 1e9).is_some() {
+                low = middle
+            } else {
+                high = middle
+            }
+        }
+        low
+    }
+
+    #[test]
+    fn an_edge_waves_as_the_face_beside_it_does_and_bounds_hold_it() {
+        let mut waves = Box::new([Wave::default(); FACES]);
+        waves[0].bow_mm = 3.0;
+        waves[0].along_mm = [[0.0; 2], [4.0, 0.0]];
+        let solid = shaped(&Shape { waves: Some(waves.clone()), radius_mm: 0.5, ..Shape::default() });
+        let mut least = f32::MAX;
+        for y in [-90.0, -40.0, 0.0, 30.0, 70.0] {
+            // Axes of face 0 are y and z; the front is at z = -1. The face recedes behind its edge, so the edge is the silhouette.
+            let (rise, _) = waves[0].rise(y / 100.0, -1.0);
+            let end = right_end(&solid, y);
+            assert!((end - 100.0 - rise).abs() < 0.25, "{y}: {end}, {rise}");
+            least = least.min(end);
+        }
+        assert!(least < 99.0);
+        let out = v3(101.5 / 900.0, 0.0, 1.0);
+        assert!(right_end(&solid, 0.0) > 100.5 && solid.hit(out, 1e9).is_none());
+        // The square around that end is not passed over.
+        let square = [(100.0, -1.0), (101.0, -1.0), (100.0, 1.0), (101.0, 1.0)]
+            .map(|(x, y)| v3(x / 900.0, y / 900.0, 1.0));
+        assert!(solid.least_depth(&square).is_some_and(|d| d < 900.0));
+    }
+
+    #[test]
+    fn a_crushed_corner_is_missing_and_the_rest_of_the_face_is_not() {
+        // The corner at +x, +y, towards the camera.
+        let crushed = vec![crate::shape::Crushed { corner: 0b011, reach_mm: 20.0 }];
+        let solid = shaped(&Shape { crushed, ..Shape::default() });
+        let at = |x: f32, y: f32| solid.hit(v3(x / 900.0, y / 900.0, 1.0), 1e9);
+        assert!(at(99.0, 99.0).is_none(), "the vertex is gone");
+        assert!((right_end(&solid, 75.0) - 100.0).abs() < 0.01);
+        assert!(right_end(&solid, 97.0) < 98.6);
+        let dent = at(92.0, 92.0).unwrap();
+        assert!(dent.rounded && dent.depth > 900.5 && dent.bent.unwrap().x > 0.3, "{dent:?}");
+        let flat = at(70.0, 70.0).unwrap();
+        assert!(flat.bent.is_none() && (flat.depth - 900.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn what_is_smaller_than_a_pixel_is_dropped() {
+        let waves = Some(Box::new([Wave { bow_mm: 0.1, ..Wave::default() }; FACES]));
+        let mut solid = shaped(&Shape { waves, radius_mm: 1.0, ..Shape::default() });
+        solid.simplify(0.3);
+        assert!(solid.bent() && solid.radius > 0.0);
+        solid.simplify(3.0);
+        assert!(!solid.bent() && solid.radius == 0.0 && solid.outer() == solid.half);
     }
 
     #[test]
@@ -453,6 +687,8 @@ mod tests {
             assert!((right.cross(&down) + face_normal(face)).norm() < 1e-12, "face {face}");
             let p = right * 3.0 + down * 5.0 + face_normal(face);
             assert_eq!(face_uv(face, p.into()), (3.0, 5.0));
+            assert_eq!(face_normal(face_beside(face, 1)), right);
+            assert_eq!(face_normal(face_beside(face, 2)), -down);
         }
     }
 }

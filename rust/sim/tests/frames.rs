@@ -4,15 +4,15 @@
 
 use boxline::{Frame, Px};
 use boxline_sim::head::SENSOR_PX;
-use boxline_sim::labels::CHANNELS;
+use boxline_sim::labels::{CHANNELS, labels};
 use boxline_sim::material::kinds::words;
 use boxline_sim::pose::Refuse;
 use boxline_sim::recording::jpeg;
 use boxline_sim::render::{Film, Options, Stage, expose_film};
 use boxline_sim::stream::{FRAME_PX, header, sample, write_stream};
 use boxline_sim::truth::face_of;
-use boxline_sim::world::{Plan, Scene, compose};
-use boxline_sim::{Head, Raster, Rng, Split, Stock};
+use boxline_sim::world::{Plan, Role, Scene, compose};
+use boxline_sim::{Hazard, Hazards, Head, Raster, Rng, Shape, Split, Stock};
 
 #[test]
 fn a_seed_gives_the_same_frame_and_another_seed_another() {
@@ -26,7 +26,7 @@ fn a_seed_gives_the_same_frame_and_another_seed_another() {
 /// way round. Words are those of the whole scene, also of what the frame does not show.
 #[test]
 fn splits_share_no_material() {
-    let common = ["paint", "photograph", "red line", "seam"];
+    let common = ["paint", "photograph", "red line", "seam", "hand hole"];
     for (split, other) in [(Split::Training, Split::HeldOut), (Split::HeldOut, Split::Training)] {
         let stock = Stock::new(split);
         let mut met = std::collections::BTreeSet::new();
@@ -91,13 +91,42 @@ fn a_stream_is_what_its_header_says() {
     assert_eq!(at, bytes.len());
 }
 
-/// A measurable face, bare and without bulge, of a head of its own.
+/// The edges of an open flap are edges, but not of the face that is looked at.
+#[test]
+fn an_open_flap_is_labelled_beside_the_face() {
+    let stock = Stock { hazards: Hazards::only(&[Hazard::OpenFlap]), ..Stock::default() };
+    let head = Head::random(&mut Rng::new(1, 1)).unwrap();
+    let drawn = (0..400).map(|seed| compose(&mut Rng::new(seed, 60), &head, Plan::Face, &stock));
+    let mut scene = drawn.into_iter().find(|s| s.hazards.contains(&Hazard::OpenFlap)).unwrap();
+    let sums = |scene: &Scene| {
+        let raster = Raster::covering(SENSOR_PX, FRAME_PX[0], FRAME_PX[1]);
+        let view = &scene.views[0];
+        let stage = Stage::new(scene, view, &head, raster, &stock.photos, Options::default());
+        let film = expose_film(&stage);
+        let pose = face_of(scene, view).unwrap();
+        let labels = labels(&stage, &film, &head, Some((&pose, view.face)));
+        let n = labels.width * labels.height;
+        ["face_edge", "other_edge"].map(|name| {
+            let channel = CHANNELS.iter().position(|c| *c == name).unwrap();
+            labels.bytes[channel * n..(channel + 1) * n].iter().map(|b| u64::from(*b)).sum::<u64>()
+        })
+    };
+    let with = sums(&scene);
+    let flap = scene.bodies.iter_mut().find(|b| b.role == Role::Flap).unwrap();
+    flap.role = Role::Stand; // whose edges are not labelled
+    let without = sums(&scene);
+    assert_eq!(with[0], without[0]);
+    assert!(with[1] > without[1] + 2000, "{with:?} {without:?}");
+}
+
+/// A measurable face, bare and flat, of a head of its own.
 fn flat_scene() -> (Head, Scene) {
     let head = Head::random(&mut Rng::new(30, 1)).unwrap();
     let mut scene = compose(&mut Rng::new(30, 2), &head, Plan::Face, &Stock::default());
     let target = &mut scene.bodies[scene.target.unwrap()];
-    target.bulge_mm = [0.0; 6];
+    target.shape = Shape::rounded(target.shape.radius_mm);
     target.look.decals.clear();
+    target.look.wrap = None;
     target.look.gloss = 0.0;
     (head, scene)
 }

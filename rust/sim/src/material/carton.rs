@@ -1,12 +1,14 @@
 //! Draws up the look of one carton: board, print, how it is closed, labels. Sizes in mm.
 
-use super::edging::edging;
+use super::closure::{self, Frame};
+use super::edging::{APART_MM, CLOSE_MM, edging};
 use super::ink::{code, word};
 use super::kinds::{Base, CARTONS, INKS, LABELS, MARKS};
 use super::lines::false_lines;
-use super::{Art, Decal, Look, Pattern, Surface, closure, linear};
-use crate::hazard::Hazard;
+use super::{Art, Decal, Look, Pattern, Surface, Wrap, linear};
+use crate::hazard::{Hazard, Hazards};
 use crate::rng::Rng;
+use crate::shape::{self, Shape};
 use crate::stock::{Kind, Stock};
 use nalgebra::Vector3;
 use std::collections::BTreeSet;
@@ -18,9 +20,28 @@ pub struct Carton {
     pub look: Look,
     /// A word of [`CARTONS`].
     pub base: &'static str,
-    /// Hazards that were drawn.
+    /// Waves, crushed corners, and by how much film rounds the edges; bulges are not drawn here.
+    pub shape: Shape,
+    /// The axis that its flaps close.
+    pub flap_axis: usize,
+    /// Hazards that were drawn. An open flap has still to find its place: [`crate::world::flap`].
     pub hazards: BTreeSet<Hazard>,
 }
+
+/// Those that a carton draws.
+const HAZARDS: [Hazard; 11] = [
+    Hazard::EdgeTape,
+    Hazard::HTape,
+    Hazard::Strap,
+    Hazard::BentLabel,
+    Hazard::Film,
+    Hazard::FlapSeam,
+    Hazard::OpenFlap,
+    Hazard::CrushedCorner,
+    Hazard::HandHole,
+    Hazard::WavyEdge,
+    Hazard::EdgePrint,
+];
 
 /// Half sizes of a face along its picture axes, mm.
 fn half_of(face: usize, half: &Vector3<f64>) -> [f32; 2] {
@@ -34,15 +55,20 @@ fn half_of(face: usize, half: &Vector3<f64>) -> [f32; 2] {
 
 /// A carton of these half sizes; everything is drawn from `rng`.
 pub fn carton(rng: &mut Rng, half: &Vector3<f64>, stock: &Stock) -> Carton {
-    drawn(rng, half, stock, true)
+    drawn(rng, half, stock, &stock.hazards, 0.25)
 }
 
-/// A carton without print along its edges.
+/// A carton without hazards and without print along its edges.
 pub fn plain_edged(rng: &mut Rng, half: &Vector3<f64>, stock: &Stock) -> Carton {
-    drawn(rng, half, stock, false)
+    drawn(rng, half, stock, &Hazards::none(), 0.0)
 }
 
-fn drawn(rng: &mut Rng, half: &Vector3<f64>, stock: &Stock, edged: bool) -> Carton {
+/// Each hazard is drawn, and draws, from a generator of its own, so that switching it off leaves all else as it was. `printed`
+/// is the share of cartons with print along their edges, well inside them.
+fn drawn(rng: &mut Rng, half: &Vector3<f64>, stock: &Stock, hazards: &Hazards, printed: f64) -> Carton {
+    let mut own = rng.child();
+    let mut found: BTreeSet<Hazard> = HAZARDS.into_iter().filter(|h| hazards.draw(&mut own, *h)).collect();
+    let frame = Frame::new(&mut rng.child(), half);
     let kind = stock.pick(rng, &CARTONS);
     let Base { rgb, plain } = kind.what;
     let tint = [0; 3].map(|_| rng.normal() as f32 * 0.03);
@@ -62,8 +88,13 @@ fn drawn(rng: &mut Rng, half: &Vector3<f64>, stock: &Stock, edged: bool) -> Cart
     };
     let gloss = if plain { rng.range_f32(0.01, 0.05) } else { rng.pick([0.03, 0.06, 0.2, 0.35]) };
     let mut decals = Vec::new();
-    if edged {
-        edging(rng, half, half_of, stock, &mut decals);
+    let mut own = rng.child();
+    if own.chance(printed) {
+        edging(&mut own, half, half_of, APART_MM, stock, &mut decals);
+    }
+    let mut own = rng.child();
+    if found.contains(&Hazard::EdgePrint) {
+        edging(&mut own, half, half_of, CLOSE_MM, stock, &mut decals);
     }
     let mut ink = *stock.pick(rng, &INKS);
     // Ink that would not show on its board is printed in white.
@@ -75,15 +106,47 @@ fn drawn(rng: &mut Rng, half: &Vector3<f64>, stock: &Stock, edged: bool) -> Cart
     for face in 0..5 {
         print(rng, face, half_of(face, half), &ink, &brand, stock, &mut decals);
     }
-    closure::close(rng, half, main, stock, &mut decals);
+    let mut own = rng.child();
+    if found.contains(&Hazard::HandHole) && !closure::hand_holes(&mut own, &frame, &mut decals) {
+        found.remove(&Hazard::HandHole);
+    }
+    closure::close(&mut rng.child(), &frame, main, stock, &found, &mut decals);
+    let mut own = rng.child();
+    if found.contains(&Hazard::EdgeTape) {
+        closure::edge_tape(&mut own, &frame, stock, &mut decals);
+    }
     for face in 0..5 {
         labels(rng, face, half_of(face, half), stock, &mut decals);
     }
-    if rng.chance(0.16) {
-        closure::straps(rng, half, stock, &mut decals);
+    let mut own = rng.child();
+    if found.contains(&Hazard::BentLabel) {
+        closure::bent_label(&mut own, &frame, stock, &mut decals);
+    }
+    let mut own = rng.child();
+    if found.contains(&Hazard::Strap) {
+        closure::straps(&mut own, &frame, stock, &mut decals);
+    }
+    let mut shape = Shape::default();
+    let mut own = rng.child();
+    let wrap = found.contains(&Hazard::Film).then(|| Wrap::new(&mut own, half));
+    // Film that is pulled tight takes the edges with it.
+    shape.radius_mm = wrap.map_or(0.0, |w| f64::from(w.soft_mm).min(0.02 * half.min()));
+    let mut own = rng.child();
+    if found.contains(&Hazard::WavyEdge) {
+        shape.waves = Some(shape::waves(&mut own, half));
+    }
+    let mut own = rng.child();
+    if found.contains(&Hazard::CrushedCorner) {
+        shape.crushed = shape::crushed(&mut own, half);
     }
     let lines = false_lines(&decals, |face| half_of(face, half));
-    Carton { look: Look { surface, decals, lines, gloss }, base: kind.word, hazards: BTreeSet::new() }
+    Carton {
+        look: Look { surface, decals, lines, gloss, wrap },
+        base: kind.word,
+        shape,
+        flap_axis: frame.flap,
+        hazards: found,
+    }
 }
 
 fn print(
@@ -107,8 +170,8 @@ fn print(
         put("photograph", centre, [w, h], 0.0, Art::Photo(rng.below(stock.photos.all.len())));
     }
     if rng.chance(0.07) {
-        // A printed frame: the false edge that a detector must not take for the real one.
-        let inset = rng.range_f32(0.03, 0.15) * a.min(b);
+        // A printed frame, well inside the edges.
+        let inset = (rng.range_f32(0.1, 0.3) * a.min(b)).max(CLOSE_MM[1] as f32).min(0.6 * a.min(b));
         let line = rng.range_f32(1.5, 8.0).min(0.05 * a.min(b));
         put(inked, [0.0, 0.0], [a - inset, b - inset], 0.0, Art::Outline(ink, line));
     }
@@ -170,5 +233,54 @@ fn labels(rng: &mut Rng, face: usize, half: [f32; 2], stock: &Stock, decals: &mu
             art: Art::Label(seed, layout, paper),
             gloss: Some(rng.range_f32(0.05, 0.3)),
         });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::stock::Split;
+
+    fn half() -> Vector3<f64> {
+        Vector3::new(250.0, 180.0, 140.0)
+    }
+
+    fn drawn_with(seed: u64, hazards: Hazards) -> Carton {
+        carton(&mut Rng::new(seed, 1), &half(), &Stock { hazards, ..Stock::new(Split::HeldOut) })
+    }
+
+    #[test]
+    fn each_hazard_is_drawn_in_its_share_and_not_when_it_is_off() {
+        let count = 400;
+        let mut seen = [0; HAZARDS.len()];
+        for seed in 0..count {
+            for (n, hazard) in seen.iter_mut().zip(HAZARDS) {
+                *n += usize::from(drawn_with(seed, Hazards::only(&[hazard])).hazards.contains(&hazard));
+            }
+            assert!(drawn_with(seed, Hazards::none()).hazards.is_empty());
+        }
+        for (n, hazard) in seen.into_iter().zip(HAZARDS) {
+            let share = n as f64 / count as f64;
+            assert!((share - hazard.share()).abs() < 0.1, "{hazard}: {share}");
+        }
+    }
+
+    #[test]
+    fn switching_one_off_takes_its_own_and_leaves_the_rest() {
+        let places =
+            |c: &Carton| c.look.decals.iter().map(|d| (d.kind, d.face, d.centre, d.half)).collect::<Vec<_>>();
+        let mut fewer = 0;
+        for seed in 0..60 {
+            let all = drawn_with(seed, Hazards::default());
+            let less = drawn_with(seed, Hazards::default().without(Hazard::Strap));
+            let (all_places, less_places) = (places(&all), places(&less));
+            assert!(less_places.iter().all(|p| all_places.contains(p)));
+            assert_eq!(all.shape, less.shape);
+            assert!(all_places.iter().all(|p| p.0.ends_with("strap") || less_places.contains(p)));
+            fewer += usize::from(less_places.len() < all_places.len());
+            let plain = drawn_with(seed, Hazards::none());
+            assert!(plain.look.wrap.is_none() && plain.shape == Shape::default());
+        }
+        assert!(fewer > 2, "{fewer}");
     }
 }

@@ -5,7 +5,7 @@
 //! | [`CARTONS`] | brown, kraft, white, black, red, blue, grey | testliner, honey, cream, orange, green, charcoal |
 //! | [`INKS`] | black, blue, red | green, brown |
 //! | [`PRINTS`] | blue, navy, red, green, black, white, yellow, grey | teal, violet, brown, lime, orange |
-//! | [`EDGINGS`] | line, double line, band, two-tone band, zone, header bar, frame, panel | triple line, three-tone band, hem, dashes, crossed lines, double frame, plain zone |
+//! | [`EDGINGS`] | line, double line, band, two-tone band, zone, header bar, frame, panel, poster | triple line, three-tone band, hem, dashes, crossed lines, double frame, plain zone, corner field, large poster |
 //! | [`MARKS`] | arrows | glass |
 //! | [`LABELS`] | address, parcel | order, order on yellow |
 //! | [`TAPES`] | brown, tan, clear | dark, white |
@@ -15,7 +15,8 @@
 //! | [`YARDS`] (outdoors) | asphalt | paving |
 //! | [`WALLS`] | brick, plaster, paint | sheet, cladding |
 //!
-//! Common to both: shapes, light, lasers, sensor, painted metal and table tops, red lines and frames in print, occluders.
+//! Common to both: shapes, light, lasers, sensor, painted metal and table tops, red lines and frames in print, film, hand holes,
+//! occluders.
 
 use super::edging::Edging;
 use super::stamp::Art;
@@ -86,7 +87,7 @@ pub const PRINTS: [Kind<[u8; 3]>; 13] = [
 ];
 
 /// Print along the edges.
-pub const EDGINGS: [Kind<Edging>; 15] = [
+pub const EDGINGS: [Kind<Edging>; 18] = [
     training("edge line", 3, Edging::Lines(1)),
     training("double line", 2, Edging::Lines(2)),
     training("edge band", 4, Edging::Band(1)),
@@ -95,6 +96,7 @@ pub const EDGINGS: [Kind<Edging>; 15] = [
     training("header bar", 2, Edging::Header),
     training("printed frame", 4, Edging::Frame(1)),
     training("printed panel", 3, Edging::Panel),
+    training("poster", 3, Edging::Poster),
     held_out("triple line", 2, Edging::Lines(3)),
     held_out("three-tone band", 2, Edging::Band(3)),
     held_out("hem", 2, Edging::Hem),
@@ -102,6 +104,8 @@ pub const EDGINGS: [Kind<Edging>; 15] = [
     held_out("crossed lines", 2, Edging::Crossed),
     held_out("double frame", 2, Edging::Frame(2)),
     held_out("plain zone", 2, Edging::Zone),
+    held_out("corner field", 3, Edging::Field),
+    held_out("large poster", 2, Edging::Poster),
 ];
 
 /// Draws a mark in an ink, sRGB.

@@ -1,6 +1,6 @@
 //! What surfaces look like: [`noise`] tiles, [`surface`] patterns (board, wood, stone), [`ink`] bitmaps (print, labels) and
 //! [`stamp`]s that put them on faces; [`kinds`] lists what there is, [`mod@carton`] draws up the look of one box with its
-//! [`closure`] (flaps, tape, straps) and [`mod@edging`] (print along its edges); [`lines`] tells which of that may be taken for an
+//! [`closure`] (flaps, tape, straps, film by [`mod@wrap`]) and [`mod@edging`] (print along its edges); [`lines`] tells which of that may be taken for an
 //! edge.
 
 pub mod carton;
@@ -13,11 +13,13 @@ pub mod lines;
 pub mod noise;
 pub mod stamp;
 pub mod surface;
+pub mod wrap;
 
 pub use carton::carton;
 pub use lines::FalseLine;
 pub use stamp::{Art, Decal, Stamp};
 pub use surface::{Pattern, Surface};
+pub use wrap::Wrap;
 
 /// The look of one solid: the same for every frame that shows it.
 #[derive(Clone, Debug)]
@@ -30,13 +32,15 @@ pub struct Look {
     pub lines: Vec<FalseLine>,
     /// Reflectance of the coat at normal incidence as a share; 0.02 is matt board, 0.3 varnish.
     pub gloss: f32,
+    /// Film around it all.
+    pub wrap: Option<Wrap>,
 }
 
 impl Look {
     /// A bare surface.
     #[must_use]
     pub const fn bare(surface: Surface, gloss: f32) -> Self {
-        Self { surface, decals: Vec::new(), lines: Vec::new(), gloss }
+        Self { surface, decals: Vec::new(), lines: Vec::new(), gloss, wrap: None }
     }
 }
 

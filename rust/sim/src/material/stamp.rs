@@ -1,4 +1,4 @@
-//! What is on a face beside its surface: print, labels, tape, straps, frames, photographs. A [`Decal`] says what and where in
+//! What is on a face beside its surface: print, labels, tape, straps, frames, photographs, hand holes. A [`Decal`] says what and where in
 //! mm; a [`Stamp`] is the decal drawn for one camera distance.
 
 use super::ink::{Bitmap, label};
@@ -6,6 +6,11 @@ use super::{font, linear};
 use crate::photos::Photos;
 use crate::vec3::{V3, v3};
 use std::sync::OnceLock;
+
+/// What is seen through a hole, linear: so little that a stripe in it drowns in noise.
+const INSIDE: V3 = v3(0.004, 0.0035, 0.003);
+/// Thickness of the board that shows below in a hole, mm.
+const LIP_MM: f32 = 4.0;
 
 /// What a decal shows.
 #[derive(Clone, Debug)]
@@ -28,6 +33,8 @@ pub enum Art {
     Label(u64, u8, [u8; 3]),
     /// A photograph by index.
     Photo(usize),
+    /// A slot with round ends through the board: darkness behind it.
+    Hole,
 }
 
 /// Something on a face.
@@ -114,7 +121,7 @@ impl Decal {
                 map
             }
             Art::Fill(rgb) | Art::Print(_, rgb, _) | Art::Tape(rgb, _) | Art::Outline(rgb, _) => clear(rgb),
-            Art::Photo(_) => clear(&[0; 3]),
+            Art::Photo(_) | Art::Hole => clear(&[0; 3]),
         }
     }
 
@@ -168,6 +175,13 @@ impl Stamp {
                 Some(photo) => (photo.at(sx, sy), rim),
                 None => (*colour, 0.0),
             },
+            Art::Hole => {
+                let to_end = (x.abs() - (half_x - half_y)).max(0.0);
+                let deep = half_y - to_end.hypot(y);
+                // The board's cut edge catches some light below.
+                let lip = if y > 0.0 { (1.0 - deep / LIP_MM).clamp(0.0, 1.0) } else { 0.0 };
+                (*colour * (0.3 * lip) + INSIDE, (0.5 + deep / foot).clamp(0.0, 1.0))
+            }
             _ => {
                 let map = self.map.get_or_init(|| decal.draw(self.texels[0], self.texels[1]));
                 let [r, g, b, a] = map.at(sx, sy);
@@ -179,5 +193,33 @@ impl Stamp {
         if let Some(own) = decal.gloss {
             *gloss += (own - *gloss) * cover;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_hole_is_dark_and_round_at_its_ends() {
+        let decal = Decal {
+            kind: "hand hole",
+            face: 0,
+            centre: [10.0, 0.0],
+            turn_rad: 0.0,
+            half: [40.0, 14.0],
+            art: Art::Hole,
+            gloss: Some(0.0),
+        };
+        let stamp = decal.stamp(0.5);
+        let look = |x: f32, y: f32| {
+            let (mut colour, mut gloss) = (v3(0.4, 0.3, 0.2), 0.1);
+            stamp.lay(10.0 + x, y, 0.5, &mut colour, &mut gloss, &Photos::default());
+            (colour.x, gloss)
+        };
+        assert!(look(0.0, 0.0).0 < 0.01 && look(38.0, 0.0).0 < 0.01 && look(0.0, 0.0).1 == 0.0);
+        assert_eq!(look(39.0, 13.0), (0.4, 0.1));
+        // The cut edge of the board is lighter than what is behind, below only.
+        assert!(look(0.0, 13.0).0 > 0.05 && look(0.0, -13.0).0 < 0.01);
     }
 }

@@ -1,5 +1,5 @@
-//! Most of a frame is squares of eight by eight pixels that show one flat face in even light. What such a square has in common
-//! is computed once: its plane, light at its corners, which stamps and lasers come near. The pixels then cost a third.
+//! Most of a frame is squares of eight by eight pixels that show one face in even light, flat or so slightly bent that its
+//! tangent plane in the middle of the square stands for it. What such a square has in common is computed once: its plane, light at its corners, which stamps and lasers come near. The pixels then cost a third.
 
 use super::laser::{Spot, Trace};
 use super::lit::{Grid, STEP, face_id};
@@ -11,7 +11,7 @@ use crate::vec3::V3;
 /// Values at the corners of a square: upper left and right, lower left and right.
 type Corners = [V3; 4];
 
-/// A square of pixels on one flat face.
+/// A square of pixels on one face.
 pub(super) struct Patch<'s> {
     solid: usize,
     face: usize,
@@ -19,7 +19,7 @@ pub(super) struct Patch<'s> {
     first: (usize, usize),
     rays: Corners,
     normal: V3,
-    /// n . X of the face's plane, mm.
+    /// n . X of the plane, mm.
     offset_mm: f32,
     right: V3,
     down: V3,
@@ -64,21 +64,24 @@ impl Patch<'_> {
 }
 
 impl Stage<'_> {
-    /// The patch of the cell to the right of and below node (i, j) of the grid; `None` if it shows more than one flat face.
+    /// The patch of the cell to the right of and below node (i, j) of the grid; `None` if it shows more than one face.
     pub(super) fn patch(&self, grid: &Grid, i: usize, j: usize) -> Option<Patch<'_>> {
         let (solid, face, light) = grid.even_cell(i, j)?;
         let body = &self.solids[solid];
-        if body.bulge[face] != 0.0 {
-            return None;
-        }
         let first = (i * STEP, j * STEP);
         let (x, y) = (first.0 as f64, first.1 as f64);
         let step = STEP as f64;
         let rays =
             [self.ray(x, y), self.ray(x + step, y), self.ray(x, y + step), self.ray(x + step, y + step)];
         let flat = self.faces[solid * FACES + face];
-        let normal = flat.normal;
-        let offset_mm = normal.dot(body.centre) + body.half[face / 2];
+        let (normal, offset_mm, ambient) = if body.bent() {
+            let middle = self.ray(x + 0.5 * step, y + 0.5 * step);
+            let hit = body.hit(middle, f32::INFINITY).filter(|h| h.face == face && !h.rounded)?;
+            let normal = body.cam_dir(hit.bent?);
+            (normal, normal.dot(middle * hit.depth), self.ambient(normal))
+        } else {
+            (flat.normal, flat.normal.dot(body.centre) + body.half[face / 2], flat.ambient)
+        };
         let points = rays.map(|r| r * (offset_mm / normal.dot(r)));
         let (near, far) = points.iter().fold((f32::MAX, f32::MIN), |(n, f), p| (n.min(p.z), f.max(p.z)));
         if near <= 0.0 || self.others_before(solid, first, &rays, &points.map(|p| 1.0 / p.z), far) {
@@ -106,7 +109,7 @@ impl Stage<'_> {
             right,
             down,
             origin,
-            arriving: light.map(|l| (flat.ambient * l.open + l.lamps) * self.exposure),
+            arriving: light.map(|l| (ambient * l.open + l.lamps) * self.exposure),
             shine: light.map(|l| l.shine * self.exposure),
             foot,
             stamps,
@@ -148,16 +151,11 @@ impl Stage<'_> {
         let depth = patch.offset_mm / patch.normal.dot(ray);
         let point = ray * depth;
         let (u, v) = (patch.right.dot(point) + patch.origin[0], patch.down.dot(point) + patch.origin[1]);
-        let mut albedo = self.surfaces[patch.solid].colour(patch.face, u, v, patch.foot, self.photos);
-        let mut gloss = self.gloss[patch.solid];
-        for stamp in &patch.stamps {
-            stamp.lay(u, v, patch.foot, &mut albedo, &mut gloss, self.photos);
-        }
-        let mut colour =
-            albedo.times(between(&line.arriving)) * (1.0 - 0.5 * gloss) + between(&line.shine) * gloss;
+        let coat = self.coat((patch.solid, patch.face), (u, v), patch.foot, patch.stamps.iter().copied());
+        let mut colour = coat.lit(between(&line.arriving), between(&line.shine));
         if patch.lasers.contains(&true) {
             let spot = Spot { own: patch.solid, ray, depth, normal: patch.normal };
-            self.add_lasers(&mut colour, albedo, gloss, &spot, patch.lasers, pixel, Some(traces));
+            self.add_lasers(&mut colour, coat.laser, coat.gloss, &spot, patch.lasers, pixel, Some(traces));
         }
         Seen { colour, id: face_id(patch.solid, patch.face), depth }
     }

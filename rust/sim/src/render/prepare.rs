@@ -1,7 +1,7 @@
 //! Puts a scene before the camera: solids in the camera frame, stamps drawn for their distance, candidates per tile.
 
 use crate::head::Head;
-use crate::material::{Stamp, Surface};
+use crate::material::{Stamp, Surface, Wrap};
 use crate::photos::Photos;
 use crate::pose::px_of;
 use crate::raster::Raster;
@@ -91,6 +91,7 @@ pub struct Stage<'a> {
     pub body: Vec<usize>,
     pub(super) surfaces: Vec<Surface>,
     pub(super) gloss: Vec<f32>,
+    pub(super) wraps: Vec<Option<Wrap>>,
     pub(super) stamps: Vec<[Vec<Stamp>; FACES]>,
     /// Which solids cast shadows, with the spheres around them (side by side: most are only looked at and passed over).
     pub(super) casters: Vec<(V3, f32, usize)>,
@@ -142,10 +143,7 @@ impl<'a> Stage<'a> {
         let body: Vec<usize> = placed.iter().map(|p| p.0).collect();
         let mut solids: Vec<Solid> = placed.into_iter().map(|p| p.1).collect();
         for solid in &mut solids {
-            // A rounding smaller than half a pixel is not seen, but costs as much as a large one.
-            if solid.radius < 0.5 * cell_per_mm * solid.nearest {
-                solid.radius = 0.0;
-            }
+            solid.simplify(cell_per_mm * solid.nearest);
         }
         let bodies = || body.iter().map(|i| &scene.bodies[*i]);
         let outlines: Vec<Option<Outline>> = solids.iter().map(|s| outline(s, head, &raster)).collect();
@@ -228,6 +226,7 @@ impl<'a> Stage<'a> {
             roles: bodies().map(|b| b.role).collect(),
             surfaces: bodies().map(|b| b.look.surface).collect(),
             gloss: bodies().map(|b| b.look.gloss).collect(),
+            wraps: bodies().map(|b| b.look.wrap).collect(),
             body,
             solids,
             stamps,
@@ -336,8 +335,7 @@ fn outline(solid: &Solid, head: &Head, raster: &Raster) -> Option<Outline> {
     let (w, h) = (raster.width as f64, raster.height as f64);
     let everything = [[0.0, w], [0.0, h], [0.0, w + h], [-h, w]];
     let mut bounds: Outline = [[f64::INFINITY, f64::NEG_INFINITY]; 4];
-    let grow = v3(1.0, 1.0, 1.0) * solid.bulge.iter().fold(0f32, |a, b| a.max(b.abs()));
-    for corner in corners(solid.half + grow) {
+    for corner in corners(solid.outer()) {
         let p = solid.centre + solid.cam_dir(corner);
         // Points beside or behind the camera have no pixel: then the solid may be anywhere.
         if p.z < 10.0 || p.x.hypot(p.y) > 1.2 * p.z {

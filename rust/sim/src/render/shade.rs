@@ -1,12 +1,54 @@
-//! The colour of a hit: surface and stamps, diffuse light, lamps, gloss, lasers.
+//! The colour of a hit: surface, stamps and film, diffuse light, lamps, gloss, lasers.
 
 use super::laser::{Spot, Trace, coated};
 use super::lit::{self, Grid, Lit, face_id};
 use super::prepare::Stage;
+use crate::material::Stamp;
+use crate::material::wrap::Glint;
 use crate::solid::{FACES, Hit, face_uv};
 use crate::vec3::V3;
 
+/// What a place of a face is like.
+pub(super) struct Coat {
+    albedo: V3,
+    pub(super) gloss: f32,
+    /// Share of all light that folds of film send on.
+    sheen: f32,
+    /// The albedo that lasers meet.
+    pub(super) laser: V3,
+}
+
+impl Coat {
+    /// What it sends to the camera of the diffuse light that arrives and of what a perfect coat would send on.
+    #[inline]
+    pub(super) fn lit(&self, arriving: V3, shine: V3) -> V3 {
+        let diffuse = self.albedo.times(arriving) * (1.0 - 0.5 * self.gloss);
+        diffuse + arriving * self.sheen + shine * self.gloss
+    }
+}
+
 impl Stage<'_> {
+    /// What a solid's face is like at (u, v) mm under some of its stamps, seen with pixels of `foot` mm.
+    #[inline]
+    pub(super) fn coat<'s>(
+        &self,
+        (solid, face): (usize, usize),
+        (u, v): (f32, f32),
+        foot: f32,
+        stamps: impl Iterator<Item = &'s Stamp>,
+    ) -> Coat {
+        let mut albedo = self.surfaces[solid].colour(face, u, v, foot, self.photos);
+        let mut gloss = self.gloss[solid];
+        for stamp in stamps {
+            stamp.lay(u, v, foot, &mut albedo, &mut gloss, self.photos);
+        }
+        let Glint { sheen, laser } = match &self.wraps[solid] {
+            Some(wrap) => wrap.lay(face, u, v, foot, &mut albedo, &mut gloss),
+            None => Glint { sheen: 0.0, laser: albedo },
+        };
+        Coat { albedo, gloss, sheen, laser }
+    }
+
     /// Light from a hit towards the camera, in units of the film (full scale 1).
     pub(super) fn shade(
         &self,
@@ -32,25 +74,19 @@ impl Stage<'_> {
         } else {
             grid.lit(id, pixel.0, pixel.1).unwrap_or_else(exact)
         };
-        let (mut colour, albedo, gloss) = self.unlit(solid, hit, ambient, &light);
+        let (mut colour, coat) = self.unlit(solid, hit, ambient, &light);
         let spot = Spot { own: solid, ray, depth: hit.depth, normal };
-        self.add_lasers(&mut colour, albedo, gloss, &spot, [true; 4], pixel, traces);
+        self.add_lasers(&mut colour, coat.laser, coat.gloss, &spot, [true; 4], pixel, traces);
         colour
     }
 
-    /// Light without lasers from a hit, its albedo and its gloss.
-    fn unlit(&self, solid: usize, hit: &Hit, ambient: V3, light: &Lit) -> (V3, V3, f32) {
-        let (u, v) = face_uv(hit.face, hit.local);
+    /// Light without lasers from a hit, and what the face is like there.
+    fn unlit(&self, solid: usize, hit: &Hit, ambient: V3, light: &Lit) -> (V3, Coat) {
         // A pixel covers more of a face seen at a slant; between its long and its short side.
         let foot = self.cell_per_mm * hit.depth * self.faces[solid * FACES + hit.face].stretch;
-        let mut albedo = self.surfaces[solid].colour(hit.face, u, v, foot, self.photos);
-        let mut gloss = self.gloss[solid];
-        for stamp in &self.stamps[solid][hit.face] {
-            stamp.lay(u, v, foot, &mut albedo, &mut gloss, self.photos);
-        }
-        let arriving = ambient * light.open + light.lamps;
-        let colour = albedo.times(arriving) * (1.0 - 0.5 * gloss) + light.shine * gloss;
-        (colour * self.exposure, albedo, gloss)
+        let stamps = self.stamps[solid][hit.face].iter();
+        let coat = self.coat((solid, hit.face), face_uv(hit.face, hit.local), foot, stamps);
+        (coat.lit(ambient * light.open + light.lamps, light.shine) * self.exposure, coat)
     }
 
     /// By how many sigmas of a sensor pixel the middle of a stripe stands out in red where a ray meets a solid; 0 where none can be.
@@ -59,8 +95,8 @@ impl Stage<'_> {
         let normal = lit::normal(self, solid, hit);
         let Some((peak, _)) = self.sheet(&self.beams[laser], ray * hit.depth, normal) else { return 0.0 };
         let light = lit::at(self, solid, ray, hit.depth, normal);
-        let (colour, albedo, gloss) = self.unlit(solid, hit, self.ambient(normal), &light);
-        let added = peak * coated(albedo, gloss) * self.exposure;
+        let (colour, coat) = self.unlit(solid, hit, self.ambient(normal), &light);
+        let added = peak * coated(coat.laser, coat.gloss) * self.exposure;
         let base = colour.x.clamp(0.0, 1.0);
         // Shot noise is even in the root of the light, where its sigma is half of that at full scale.
         ((base + added).min(1.0).sqrt() - base.sqrt()) / (0.5 * self.noise as f32).max(1e-6)

@@ -1,12 +1,13 @@
 //! Draws a whole scene: box, stand, views that can (or must not) be measured, surroundings, light.
 
 use super::light::lighting;
-use super::{Body, Lighting, Role, View, axes, face_half, room, stand};
+use super::{Body, Lighting, Role, View, axes, face_half, flap, room, stand};
 use crate::hazard::Hazard;
 use crate::head::Head;
 use crate::material::{Art, Look, Pattern, carton};
 use crate::pose::{FacePose, Refuse, place_face, place_unmeasurable, random_orientation};
 use crate::rng::Rng;
+use crate::shape::Shape;
 use crate::solid::FACES;
 use crate::stock::Stock;
 use nalgebra::Vector3;
@@ -110,13 +111,16 @@ fn attempt(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Option<Scen
     for &face in &faces {
         views.push(view(rng, head, plan, face, centre, &half, &stand.bodies)?);
     }
-    let carton = carton(rng, &half, stock);
+    let mut carton = carton(rng, &half, stock);
     let target = Body {
         centre,
         rotation: nalgebra::Matrix3::identity(),
         half,
-        radius_mm: rng.log_range(0.5, 4.0).min(0.02 * half.min()),
-        bulge_mm: bulges(rng, &half),
+        shape: Shape {
+            radius_mm: rng.log_range(0.5, 4.0).min(0.02 * half.min()) + carton.shape.radius_mm,
+            bulge_mm: bulges(rng, &half),
+            ..carton.shape
+        },
         look: carton.look,
         role: Role::Target,
     };
@@ -126,8 +130,22 @@ fn attempt(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Option<Scen
     let reach =
         stand.bodies.iter().fold(half.xy().norm(), |r, b| r.max((b.centre.xy() + b.half.xy()).norm()));
     let (touching, words) = room::neighbours(rng, &size, stand.top_mm, &faces, stock);
+    let mut own = rng.child();
+    let flap = if carton.hazards.remove(&Hazard::OpenFlap) {
+        let fits = |flap: &Body| {
+            views.iter().all(|v| !in_the_way(head, v, &target.face(v.face, v), flap))
+                && !touching.iter().chain(&stand.bodies).any(|b| flap.touches(b))
+        };
+        flap::open_flap(&mut own, &target, carton.flap_axis, &faces, fits)
+    } else {
+        None
+    };
     let mut bodies = vec![target];
     bodies.extend(stand.bodies);
+    if let Some(flap) = flap {
+        carton.hazards.insert(Hazard::OpenFlap);
+        bodies.push(flap);
+    }
     let fixed = bodies.len();
     bodies.extend(touching);
     let near = bodies.len();
@@ -336,8 +354,7 @@ pub fn occlude(rng: &mut Rng, scene: &mut Scene, view: &View, head: &Head) {
             centre: view.world(aim),
             rotation: view.cam_from_world.transpose() * turn.into_inner(),
             half: size / 2.0,
-            radius_mm: 0.3 * size.x.min(size.z),
-            bulge_mm: [0.0; FACES],
+            shape: Shape::rounded(0.3 * size.x.min(size.z)),
             look: Look::bare(super::stand::paint(rng, rgb), 0.05),
             role: Role::Occluder,
         };

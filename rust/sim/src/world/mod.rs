@@ -4,6 +4,7 @@
 //! says where the head stands.
 
 pub mod compose;
+pub mod flap;
 pub mod light;
 pub mod room;
 pub mod stand;
@@ -14,7 +15,8 @@ pub use light::Lighting;
 
 use crate::material::Look;
 use crate::pose::FacePose;
-use crate::solid::{FACES, Solid, face_axes};
+use crate::shape::Shape;
+use crate::solid::{Solid, face_axes, face_beside};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 /// What a body is in the truth and the labels.
@@ -24,6 +26,8 @@ pub enum Role {
     Target,
     /// Another box.
     Carton,
+    /// A flap of a box that stands open.
+    Flap,
     /// What boxes stand on: pallet, table, shelf.
     Stand,
     /// Floor, wall, rack.
@@ -41,10 +45,8 @@ pub struct Body {
     pub rotation: Matrix3<f64>,
     /// Half sizes, mm.
     pub half: Vector3<f64>,
-    /// Edge radius, mm.
-    pub radius_mm: f64,
-    /// Outward bulge of each face, mm.
-    pub bulge_mm: [f32; FACES],
+    /// Rounding, bulges, waves.
+    pub shape: Shape,
     /// Appearance.
     pub look: Look,
     /// Meaning.
@@ -59,8 +61,7 @@ impl Body {
             centre: foot + Vector3::z() * (size.z / 2.0),
             rotation: Rotation3::from_axis_angle(&Vector3::z_axis(), yaw_rad).into_inner(),
             half: size / 2.0,
-            radius_mm: 0.0,
-            bulge_mm: [0.0; FACES],
+            shape: Shape::default(),
             look,
             role,
         }
@@ -69,19 +70,19 @@ impl Body {
     /// Rounds the edges.
     #[must_use]
     pub fn rounded(self, radius_mm: f64) -> Self {
-        Self { radius_mm, ..self }
+        Self { shape: Shape { radius_mm, ..self.shape }, ..self }
+    }
+
+    /// Gives it a shape.
+    #[must_use]
+    pub fn shaped(self, shape: Shape) -> Self {
+        Self { shape, ..self }
     }
 
     /// The body in the camera frame of a view.
     #[must_use]
     pub fn solid(&self, view: &View) -> Solid {
-        Solid::new(
-            &(view.cam_from_world * self.rotation),
-            view.point(self.centre),
-            self.half,
-            self.radius_mm,
-            self.bulge_mm,
-        )
+        Solid::new(&(view.cam_from_world * self.rotation), view.point(self.centre), self.half, &self.shape)
     }
 
     /// The face of the sharp box in the camera frame.
@@ -91,6 +92,13 @@ impl Body {
         let half = face_half(&self.half, index);
         let out = -axes(index).column(2) * self.half[index / 2];
         FacePose { cam_from_face, centre: view.point(self.centre + self.rotation * out), half }
+    }
+
+    /// From the innermost to the outermost place of an edge of a face, in the plane of that face, mm; edges as the face's picture
+    /// axes have them: 0 left, 1 right, 2 upper, 3 lower.
+    #[must_use]
+    pub fn edge_wave_mm(&self, face: usize, side: usize) -> f32 {
+        self.shape.edge_wave_mm(face, face_beside(face, side))
     }
 
     /// Whether the segment between two world points meets the body.
@@ -106,6 +114,17 @@ impl Body {
             far = far.min(a.max(b));
         }
         near < far
+    }
+
+    /// Whether one of a grid of points within this body, a plate, lies in or on another.
+    #[must_use]
+    pub fn touches(&self, other: &Self) -> bool {
+        const POINTS: usize = 8;
+        let share = |i: usize| i as f64 / (POINTS - 1) as f64 * 2.0 - 1.0;
+        (0..POINTS * POINTS).any(|i| {
+            let at = Vector3::new(share(i / POINTS) * self.half.x, share(i % POINTS) * self.half.y, 0.0);
+            other.distance_mm(self.centre + self.rotation * at) < self.half.z
+        })
     }
 
     /// Distance of a world point to the body, mm; 0 inside.

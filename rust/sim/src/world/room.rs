@@ -2,9 +2,11 @@
 
 use super::stand::{paint, wood};
 use super::{Body, Role};
+use crate::material::carton::{Carton, carton};
 use crate::material::kinds::{FLOORS, Ground, WALLS, Wall, YARDS};
-use crate::material::{Look, Pattern, Surface, carton, linear};
+use crate::material::{Look, Pattern, Surface, linear};
 use crate::rng::Rng;
+use crate::shape::Shape;
 use crate::stock::{Kind, Stock};
 use nalgebra::Vector3;
 
@@ -135,8 +137,9 @@ pub fn shell(rng: &mut Rng, outdoors: bool, faces: &[usize], reach: f64, stock: 
 
 /// A carton of a size at a foot point.
 fn box_at(rng: &mut Rng, foot: Vector3<f64>, size: Vector3<f64>, yaw: f64, stock: &Stock) -> Body {
-    let look = carton(rng, &(size / 2.0), stock).look;
-    Body::upright(foot, size, yaw, look, Role::Carton).rounded(rng.range(0.5, 3.0))
+    let Carton { look, shape, .. } = carton(rng, &(size / 2.0), stock);
+    let shape = Shape { radius_mm: shape.radius_mm + rng.range(0.5, 3.0), ..shape };
+    Body::upright(foot, size, yaw, look, Role::Carton).shaped(shape)
 }
 
 /// Boxes against the target, faces flush within 0 to 3 mm, on sides that are not looked at.

@@ -1,9 +1,11 @@
 //! What boxes stand on: pallet, table, shelf, other boxes. Each builder returns bodies whose top is at a known height.
 
 use super::{Body, Role};
+use crate::material::carton::{Carton, carton};
 use crate::material::kinds::WOODS;
-use crate::material::{Look, Pattern, Surface, carton, linear};
+use crate::material::{Look, Pattern, Surface, linear};
 use crate::rng::Rng;
+use crate::shape::Shape;
 use crate::stock::{Kind, Stock};
 use nalgebra::Vector3;
 
@@ -165,9 +167,10 @@ fn stack(rng: &mut Rng, size: &Vector3<f64>, stock: &Stock) -> Stand {
         // Either the same footprint (edges flush) or a wider box.
         let grow = |rng: &mut Rng| if rng.chance(0.5) { rng.range(-2.0, 2.0) } else { rng.range(0.0, 250.0) };
         let lower = Vector3::new(size.x + grow(rng), size.y + grow(rng), rng.range(200.0, 500.0));
-        let look = carton(rng, &(lower / 2.0), stock).look;
+        let Carton { look, shape, .. } = carton(rng, &(lower / 2.0), stock);
+        let shape = Shape { radius_mm: shape.radius_mm + 1.5, ..shape };
         let foot = Vector3::new(rng.range(-2.0, 2.0), rng.range(-2.0, 2.0), top_mm);
-        bodies.push(Body::upright(foot, lower, rng.normal() * 0.01, look, Role::Carton).rounded(1.5));
+        bodies.push(Body::upright(foot, lower, rng.normal() * 0.01, look, Role::Carton).shaped(shape));
         top_mm += lower.z;
     }
     Stand { bodies, top_mm, word: "stack" }

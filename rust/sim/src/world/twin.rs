@@ -8,6 +8,7 @@ use crate::head::Head;
 use crate::material::carton::plain_edged;
 use crate::pose::{FacePose, place_face};
 use crate::rng::Rng;
+use crate::shape::Shape;
 use crate::solid::FACES;
 use crate::stock::Stock;
 use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -63,8 +64,11 @@ fn attempt(rng: &mut Rng, head: &Head, order: &Order, stock: &Stock) -> Option<S
         centre,
         rotation: Matrix3::identity(),
         half,
-        radius_mm: rng.log_range(0.5, 4.0).min(0.02 * half.min()),
-        bulge_mm: [order.bulge_mm; FACES],
+        shape: Shape {
+            radius_mm: rng.log_range(0.5, 4.0).min(0.02 * half.min()),
+            bulge_mm: [order.bulge_mm; FACES],
+            ..Shape::default()
+        },
         look: carton.look,
         role: Role::Target,
     };
@@ -144,7 +148,7 @@ mod tests {
         assert_eq!(target.face(4, &scene.views[1]).size_mm(), [800.0, 500.0]);
         assert!((first.cam_from_face - tilted).norm() < 1e-9);
         assert!(scene.views.iter().all(|v| target.face(v.face, v).crossings(&head, 1.9, 11.9).is_some()));
-        assert_eq!(target.bulge_mm, [3.0; FACES]);
+        assert_eq!(target.shape.bulge_mm, [3.0; FACES]);
 
         let next = trembled(&mut rng, &head, &scene);
         let moved = (target.face(3, &next.views[0]).centre - first.centre).norm();
