@@ -37,7 +37,7 @@ pub enum Hazard {
     WavyEdge,
     /// Print 3 to 25 mm inside an edge: bands, frames, fields, posters that end there.
     EdgePrint,
-    /// A laser's fan ends on the face.
+    /// A laser's fan ends within 5 % past the face, which can be measured; or on the face, and then the stripe is missing.
     FanEnd,
     /// One laser at a third of its power.
     WeakLaser,

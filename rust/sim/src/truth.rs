@@ -42,13 +42,15 @@ pub fn face_truth(head: &Head, scene: &Scene, view: &View, id: &str) -> Value {
         entry.insert("notes".into(), json!({}));
         return Value::Object(entry);
     };
+    let shining = scene.head(head);
     entry.insert("size_mm".into(), json!(face.size_mm().map(|s| round(s, 4))));
     entry.insert("corners_cam_mm".into(), json!(face.corners().map(mm)));
     entry.insert("corners_px".into(), json!(face.corners().map(|c| px(head, &c))));
     let (mut points_px, mut points_mm, mut along) = (Map::new(), Map::new(), Map::new());
     for laser in 0..4 {
         let name = format!("stripe {}", laser + 1);
-        let Some(crossing) = face.crossing(head, laser, 0.0).filter(|_| !scene.dead[laser]) else { continue };
+        let lit = scene.beams[laser].power > 0.0;
+        let Some(crossing) = face.crossing(&shining, laser, 0.0).filter(|_| lit) else { continue };
         let points = crossing.at.map(|[right, down]| face.point(right, down));
         points_px.insert(name.clone(), json!(points.map(|p| px(head, &p))));
         points_mm.insert(name.clone(), json!(points.map(mm)));

@@ -106,7 +106,7 @@ impl Stage<'_> {
             return None;
         }
         // Line lenses are a little weaker to their ends and stop softly.
-        let end = ((fan - beam.fan_cos) * 60.0).min(1.0);
+        let end = ((fan - beam.fan_cos) * beam.fan_rise).min(1.0);
         // The fan spreads with the distance; a focused sheet hardly thickens, what its image shows is mostly the lens.
         let law = 1000.0 * inverse;
         Some((beam.at_1m * cosine * end * (0.6 + 0.4 * fan * fan) * law, beam.sigma_rad / inverse))

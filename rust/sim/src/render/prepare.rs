@@ -71,6 +71,8 @@ pub struct CamBeam {
     pub forward: V3,
     /// Cosine of the fan's half opening.
     pub fan_cos: f32,
+    /// By how much the light rises per unit of the cosine from the fan's end inwards: within about 2 degrees to all of it.
+    pub fan_rise: f32,
     /// Sheet thickness, rad.
     pub sigma_rad: f32,
     /// Peak irradiance at 1 m in scene units; 0 if dead.
@@ -180,16 +182,20 @@ impl<'a> Stage<'a> {
         let normal = -axes(view.face).column(2);
         let reference = scene.light.free_irradiance(target + normal * 100.0, normal).max(0.1);
         let beams = [0, 1, 2, 3].map(|i| {
-            let (b, p) = (&head.beams[i], head.plane(i));
-            let on = options.lasers && !scene.dead[i];
+            let (b, p) = (&scene.beams[i], head.plane(i));
             CamBeam {
                 plane: p.into(),
                 plane_mm: 1.0 / p.norm() as f32,
                 source: b.source_mm.into(),
                 forward: b.forward.into(),
                 fan_cos: b.fan_half_rad.cos() as f32,
+                fan_rise: 30.0 / b.fan_half_rad.sin() as f32,
                 sigma_rad: b.sigma_rad as f32,
-                at_1m: if on { (b.power * scene.light.laser_to_ambient * reference) as f32 } else { 0.0 },
+                at_1m: if options.lasers {
+                    (b.power * scene.light.laser_to_ambient * reference) as f32
+                } else {
+                    0.0
+                },
             }
         });
         let spheres: Vec<(V3, f32)> = solids.iter().map(|s| (s.centre, s.bound)).collect();

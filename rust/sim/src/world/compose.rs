@@ -1,11 +1,12 @@
 //! Draws a whole scene: box, stand, views that can (or must not) be measured, surroundings, light.
 
+use super::beams::{FanEnd, end_fan, weaken};
 use super::light::lighting;
 use super::{Body, Lighting, Role, View, axes, face_half, room, stand};
-use crate::hazard::Hazard;
-use crate::head::Head;
+use crate::hazard::{Hazard, Hazards};
+use crate::head::{Beam, Head};
 use crate::material::{Art, Look, Pattern, carton};
-use crate::pose::{FacePose, Refuse, place_face, place_unmeasurable, random_orientation};
+use crate::pose::{FacePose, Refuse, place_face, place_unmeasurable, random_orientation, tilted_orientation};
 use crate::rng::Rng;
 use crate::solid::FACES;
 use crate::stock::Stock;
@@ -36,8 +37,8 @@ pub struct Scene {
     pub light: Lighting,
     /// One view a frame.
     pub views: Vec<View>,
-    /// Lasers that do not shine.
-    pub dead: [bool; 4],
+    /// The head's beams as they shine here: one may be dead (power 0), weak, or narrower than it should be.
+    pub beams: [Beam; 4],
     /// Why every view must be refused, if so.
     pub refuse: Option<Refuse>,
     /// For the truth file: base, stand, neighbours.
@@ -58,6 +59,12 @@ pub struct Words {
 }
 
 impl Scene {
+    /// The head with its beams as they shine here.
+    #[must_use]
+    pub fn head(&self, head: &Head) -> Head {
+        Head { calibration: head.calibration.clone(), beams: self.beams }
+    }
+
     /// Words of all materials in the scene, seen or not, and names of its photographs; sorted.
     #[must_use]
     pub fn materials<'s>(&'s self, stock: &'s Stock) -> BTreeSet<&'s str> {
@@ -81,13 +88,41 @@ impl Scene {
     }
 }
 
+/// How far off the normal the line of sight to an oblique face is, degrees.
+const OBLIQUE_DEG: std::ops::RangeInclusive<f64> = 40.0..=65.0;
+/// Of the faces that cannot be measured because a stripe is missing, so many miss it because its fan ends on them.
+const FAN_ENDS_SHARE: f64 = 0.3;
+
 /// Height range of the head above the floor, mm: from a hand at the ground to one held overhead.
 const HEAD_HEIGHT_MM: (f64, f64) = (70.0, 2700.0);
+
+/// Hazards of a scene that do not lie in its cartons, before it is known which of them find their place.
+struct Drawn {
+    oblique: bool,
+    weak_laser: bool,
+    fan_end: Option<FanEnd>,
+}
+
+impl Drawn {
+    fn new(rng: &mut Rng, plan: Plan, hazards: &Hazards) -> Self {
+        let mut draw = |hazard| hazards.draw(rng, hazard);
+        let oblique = draw(Hazard::Oblique) && matches!(plan, Plan::Box | Plan::Face);
+        let weak_laser = draw(Hazard::WeakLaser);
+        let fan_end = match plan {
+            Plan::Refused(Refuse::StripeMissing) => {
+                (rng.chance(FAN_ENDS_SHARE) && hazards.has(Hazard::FanEnd)).then_some(FanEnd::OnFace)
+            }
+            Plan::Refused(_) => None,
+            _ => hazards.draw(rng, Hazard::FanEnd).then_some(FanEnd::Beyond),
+        };
+        Self { oblique, weak_laser, fan_end }
+    }
+}
 
 /// Draws a scene for a plan. Sizes, stands and poses are drawn until they fit each other; a draw nearly always does.
 pub fn compose(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Scene {
     if plan == Plan::Refused(Refuse::NoBox) {
-        return empty(rng, stock);
+        return empty(rng, head, stock);
     }
     loop {
         if let Some(scene) = attempt(&mut rng.child(), head, plan, stock) {
@@ -97,6 +132,10 @@ pub fn compose(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Scene {
 }
 
 fn attempt(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Option<Scene> {
+    let drawn = Drawn::new(&mut rng.child(), plan, &stock.hazards);
+    // A face whose stripe the laser cuts short stands where it could be measured.
+    let placing = if drawn.fan_end == Some(FanEnd::OnFace) { Plan::Face } else { plan };
+    let mut hazards = BTreeSet::new();
     let mut size = box_size(rng);
     let faces = pick_faces(rng, plan);
     if let (Plan::Twins, [first, second]) = (plan, faces.as_slice()) {
@@ -108,9 +147,20 @@ fn attempt(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Option<Scen
     let centre = Vector3::new(0.0, 0.0, stand.top_mm + half.z);
     let mut views = Vec::new();
     for &face in &faces {
-        views.push(view(rng, head, plan, face, centre, &half, &stand.bodies)?);
+        let (mut slanted, mut usual) = (rng.child(), rng.child());
+        let look =
+            |rng: &mut Rng, oblique| view(rng, head, placing, face, centre, &half, &stand.bodies, oblique);
+        let found = if drawn.oblique { look(&mut slanted, true) } else { None };
+        if found.is_some() {
+            hazards.insert(Hazard::Oblique);
+        }
+        views.push(match found {
+            Some(view) => view,
+            None => look(&mut usual, false)?,
+        });
     }
     let carton = carton(rng, &half, stock);
+    hazards.extend(&carton.hazards);
     let target = Body {
         centre,
         rotation: nalgebra::Matrix3::identity(),
@@ -139,20 +189,41 @@ fn attempt(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Option<Scen
         target: Some(0),
         light,
         views,
-        dead: [false; 4],
+        beams: head.beams,
         refuse: None,
         words: Words { base: carton.base, stand: stand.word, neighbours: Vec::new() },
-        hazards: carton.hazards,
+        hazards,
     };
     if let Plan::Refused(reason) = plan {
         scene.refuse = Some(reason);
-        if reason == Refuse::LaserDead {
-            scene.dead[rng.below(4)] = true;
-        }
     }
+    beams(&mut rng.child(), &mut scene, head, &drawn)?;
     clear_sight(&mut scene, head, fixed, near, &words);
     expose(rng, &mut scene);
     Some(scene)
+}
+
+/// What ails the beams; `None` if a fan that must end on the face cannot.
+fn beams(rng: &mut Rng, scene: &mut Scene, head: &Head, drawn: &Drawn) -> Option<()> {
+    if scene.refuse == Some(Refuse::LaserDead) {
+        scene.beams[rng.below(4)].power = 0.0;
+    } else if drawn.weak_laser {
+        weaken(rng, &mut scene.beams);
+        scene.hazards.insert(Hazard::WeakLaser);
+    }
+    if let Some(wanted) = drawn.fan_end {
+        let target = &scene.bodies[scene.target?];
+        let poses: Vec<FacePose> = scene.views.iter().map(|v| target.face(v.face, v)).collect();
+        match end_fan(rng, head, &scene.beams, &poses, wanted) {
+            Some(beams) => {
+                scene.beams = beams;
+                scene.hazards.insert(Hazard::FanEnd);
+            }
+            None if wanted == FanEnd::OnFace => return None,
+            None => {}
+        }
+    }
+    Some(())
 }
 
 fn box_size(rng: &mut Rng) -> Vector3<f64> {
@@ -185,6 +256,7 @@ fn bulges(rng: &mut Rng, half: &Vector3<f64>) -> [f32; FACES] {
     [0; FACES].map(|_| (rng.normal() * most).clamp(-2.5 * most, 2.5 * most) as f32)
 }
 
+#[allow(clippy::too_many_arguments)] // a draw on one side, what it must fit on the other
 fn view(
     rng: &mut Rng,
     head: &Head,
@@ -193,11 +265,17 @@ fn view(
     centre: Vector3<f64>,
     half: &Vector3<f64>,
     stand: &[Body],
+    oblique: bool,
 ) -> Option<View> {
     let size = face_half(half, face).map(|h| 2.0 * h);
-    for _ in 0..14 {
-        let most_deg = if plan == Plan::Twins { 50.0 } else { 40.0 };
-        let cam_from_face = random_orientation(rng, face != 4, most_deg);
+    // Slanted poses seldom fit; each that does not costs a millisecond.
+    for _ in 0..if oblique { 5 } else { 14 } {
+        let cam_from_face = if oblique {
+            let tilt_deg = rng.range(*OBLIQUE_DEG.start(), *OBLIQUE_DEG.end());
+            tilted_orientation(rng, face != 4, tilt_deg)
+        } else {
+            random_orientation(rng, face != 4, if plan == Plan::Twins { 50.0 } else { 40.0 })
+        };
         if plan == Plan::Twins && cam_from_face[(2, 2)] > f64::to_radians(20.0).cos() {
             continue; // looks too straight at the face to see others
         }
@@ -206,6 +284,9 @@ fn view(
             _ => place_face(rng, head, size, cam_from_face),
         };
         let Some(pose) = pose else { continue };
+        if oblique && !OBLIQUE_DEG.contains(&pose.angle_to_normal_rad().to_degrees()) {
+            continue;
+        }
         let view = View::of_face(&pose, face, centre, half);
         if stands_free(head, &view, &pose, stand) {
             return Some(view);
@@ -281,7 +362,7 @@ pub(super) fn expose(rng: &mut Rng, scene: &mut Scene) {
 }
 
 /// A scene without a target: the head looks at the floor, a wall or distant clutter.
-pub fn empty(rng: &mut Rng, stock: &Stock) -> Scene {
+pub fn empty(rng: &mut Rng, head: &Head, stock: &Stock) -> Scene {
     let light = lighting(rng, Vector3::new(0.0, 0.0, 500.0), 1000.0);
     let outdoors = light.ambient == "sun";
     let mut bodies = room::shell(rng, outdoors, &[], 800.0, stock);
@@ -303,7 +384,7 @@ pub fn empty(rng: &mut Rng, stock: &Stock) -> Scene {
         target: None,
         light,
         views: vec![view],
-        dead: [false; 4],
+        beams: head.beams,
         refuse: Some(Refuse::NoBox),
         words: Words { base: "none", stand: "none", neighbours: Vec::new() },
         hazards: BTreeSet::new(),

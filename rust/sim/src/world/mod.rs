@@ -3,6 +3,7 @@
 //! [`mod@compose`] draws a whole measurement (box, poses, surroundings, light), [`twin`] one of a box that is given; [`View`]
 //! says where the head stands.
 
+mod beams;
 pub mod compose;
 pub mod light;
 pub mod room;

@@ -87,7 +87,7 @@ fn attempt(rng: &mut Rng, head: &Head, order: &Order, stock: &Stock) -> Option<S
         target: Some(0),
         light,
         views,
-        dead: [false; 4],
+        beams: head.beams,
         refuse: None,
         words,
         hazards: BTreeSet::new(),
