@@ -2,9 +2,11 @@
 
 use super::beams::{FanEnd, end_fan, weaken};
 use super::light::lighting;
+use super::neighbours::{self, neighbours, step_mm};
 use super::{Body, Lighting, Role, View, axes, face_half, room, stand};
 use crate::hazard::{Hazard, Hazards};
 use crate::head::{Beam, Head};
+use crate::material::carton::Plain;
 use crate::material::{Art, Look, Pattern, carton};
 use crate::pose::{FacePose, Refuse, place_face, place_unmeasurable, random_orientation, tilted_orientation};
 use crate::rng::Rng;
@@ -101,6 +103,9 @@ struct Drawn {
     oblique: bool,
     weak_laser: bool,
     fan_end: Option<FanEnd>,
+    one_colour: bool,
+    /// Which kinds of neighbours.
+    touching: Vec<Hazard>,
 }
 
 impl Drawn {
@@ -108,6 +113,13 @@ impl Drawn {
         let mut draw = |hazard| hazards.draw(rng, hazard);
         let oblique = draw(Hazard::Oblique) && matches!(plan, Plan::Box | Plan::Face);
         let weak_laser = draw(Hazard::WeakLaser);
+        let one_colour = draw(Hazard::OneColour);
+        let mut touching: Vec<Hazard> =
+            [Hazard::FlushNeighbour, Hazard::SteppedNeighbour].into_iter().filter(|h| draw(*h)).collect();
+        let other = if rng.chance(0.5) { Hazard::FlushNeighbour } else { Hazard::SteppedNeighbour };
+        if one_colour && touching.is_empty() && hazards.has(other) {
+            touching.push(other); // one colour matters where something of that colour goes on
+        }
         let fan_end = match plan {
             Plan::Refused(Refuse::StripeMissing) => {
                 (rng.chance(FAN_ENDS_SHARE) && hazards.has(Hazard::FanEnd)).then_some(FanEnd::OnFace)
@@ -115,7 +127,7 @@ impl Drawn {
             Plan::Refused(_) => None,
             _ => hazards.draw(rng, Hazard::FanEnd).then_some(FanEnd::Beyond),
         };
-        Self { oblique, weak_laser, fan_end }
+        Self { oblique, weak_laser, fan_end, one_colour, touching }
     }
 }
 
@@ -143,7 +155,7 @@ fn attempt(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Option<Scen
         size[second / 2] = size[first / 2];
     }
     let half = size / 2.0;
-    let stand = stand::stand(rng, &size, stock);
+    let mut stand = stand::stand(rng, &size, stock, stock.hazards.has(Hazard::FlushNeighbour));
     let centre = Vector3::new(0.0, 0.0, stand.top_mm + half.z);
     let mut views = Vec::new();
     for &face in &faces {
@@ -159,15 +171,24 @@ fn attempt(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Option<Scen
             None => look(&mut usual, false)?,
         });
     }
-    let carton = carton(rng, &half, stock);
-    hazards.extend(&carton.hazards);
+    let mut dressed = carton(rng, &half, stock);
+    let mut plain_rng = rng.child();
+    let plain = drawn.one_colour.then(|| Plain::pick(&mut plain_rng, stock));
+    if let Some(plain) = &plain {
+        hazards.insert(Hazard::OneColour);
+        dressed = plain.carton(&mut plain_rng);
+        for body in stand.bodies.iter_mut().filter(|b| b.role == Role::Carton) {
+            body.look = plain.carton(&mut plain_rng).look;
+        }
+    }
+    hazards.extend(&dressed.hazards);
     let target = Body {
         centre,
         rotation: nalgebra::Matrix3::identity(),
         half,
         radius_mm: rng.log_range(0.5, 4.0).min(0.02 * half.min()),
         bulge_mm: bulges(rng, &half),
-        look: carton.look,
+        look: dressed.look,
         role: Role::Target,
     };
     let distances = views.iter().map(|v| (v.camera_mm - centre).norm());
@@ -175,30 +196,37 @@ fn attempt(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Option<Scen
     let outdoors = light.ambient == "sun";
     let reach =
         stand.bodies.iter().fold(half.xy().norm(), |r, b| r.max((b.centre.xy() + b.half.xy()).norm()));
-    let (touching, words) = room::neighbours(rng, &size, stand.top_mm, &faces, stock);
+    let mut words = Words { base: dressed.base, stand: stand.word, neighbours: Vec::new() };
+    let below = stand.bodies.last().filter(|b| b.role == Role::Carton);
+    let flush = |b: &&Body| faces.iter().any(|f| *f != 4 && step_mm(&target, b, *f).abs() <= 3.0);
+    if below.filter(flush).is_some() {
+        hazards.insert(Hazard::FlushNeighbour);
+        words.neighbours.push("below");
+    }
+    let free = |b: &Body| views.iter().all(|v| !in_the_way(head, v, &target.face(v.face, v), b));
+    let against = neighbours::Target { size, base_mm: stand.top_mm, faces: &faces };
+    let found = neighbours(&mut rng.child(), &against, &drawn.touching, free, |rng, half| match &plain {
+        Some(plain) => plain.carton(rng).look,
+        None => carton(rng, half, stock).look,
+    });
     let mut bodies = vec![target];
     bodies.extend(stand.bodies);
+    for neighbour in found {
+        hazards.insert(neighbour.hazard);
+        words.neighbours.push(neighbour.word);
+        bodies.push(neighbour.body);
+    }
     let fixed = bodies.len();
-    bodies.extend(touching);
-    let near = bodies.len();
     let shell = room::shell(rng, outdoors, &faces, half.y + 700.0, stock);
     bodies.extend(shell);
     bodies.extend(room::clutter(rng, reach, outdoors, stock));
-    let mut scene = Scene {
-        bodies,
-        target: Some(0),
-        light,
-        views,
-        beams: head.beams,
-        refuse: None,
-        words: Words { base: carton.base, stand: stand.word, neighbours: Vec::new() },
-        hazards,
-    };
+    let mut scene =
+        Scene { bodies, target: Some(0), light, views, beams: head.beams, refuse: None, words, hazards };
     if let Plan::Refused(reason) = plan {
         scene.refuse = Some(reason);
     }
     beams(&mut rng.child(), &mut scene, head, &drawn)?;
-    clear_sight(&mut scene, head, fixed, near, &words);
+    clear_sight(&mut scene, head, fixed);
     expose(rng, &mut scene);
     Some(scene)
 }
@@ -326,29 +354,23 @@ fn in_the_way(head: &Head, view: &View, pose: &FacePose, body: &Body) -> bool {
     false
 }
 
-/// Takes away whatever hides a face that is looked at; `fixed` bodies stay, the next up to `near` are the neighbours.
-pub(super) fn clear_sight(scene: &mut Scene, head: &Head, fixed: usize, near: usize, words: &[&'static str]) {
-    let views = scene.views.clone();
+/// Takes away whatever hides a face that is looked at; the first `fixed` bodies stay.
+pub(super) fn clear_sight(scene: &mut Scene, head: &Head, fixed: usize) {
     let Some(target) = scene.target.and_then(|t| scene.bodies.get(t)).cloned() else { return };
+    let views = &scene.views;
+    let hides = |b: &Body| views.iter().any(|v| in_the_way(head, v, &target.face(v.face, v), b));
+    // What lies about does not touch the target or what stands against it.
+    let cartons: Vec<Body> = scene.bodies[..fixed]
+        .iter()
+        .filter(|b| matches!(b.role, Role::Target | Role::Carton))
+        .cloned()
+        .collect();
+    let overlaps = |b: &Body| b.role == Role::Carton && cartons.iter().any(|c| c.apart_mm(b) < 5.0);
     let mut index = 0;
-    let keep = |b: &Body| {
-        views.iter().all(|v| {
-            let pose = target.face(v.face, v);
-            !in_the_way(head, v, &pose, b)
-        })
-    };
-    let overlaps = |b: &Body| b.role == Role::Carton && b.distance_mm(target.centre) < 1.0;
-    let mut kept_words = Vec::new();
     scene.bodies.retain(|b| {
-        let i = index;
         index += 1;
-        let keep = i < fixed || (keep(b) && !overlaps(b));
-        if keep && (fixed..near).contains(&i) {
-            kept_words.extend(words.get(i - fixed));
-        }
-        keep
+        index <= fixed || !(hides(b) || overlaps(b))
     });
-    scene.words.neighbours = kept_words;
 }
 
 /// Sets each view's exposure from the light on the face it shows, half way as an automatic would.

@@ -6,6 +6,7 @@
 mod beams;
 pub mod compose;
 pub mod light;
+mod neighbours;
 pub mod room;
 pub mod stand;
 pub mod twin;
@@ -107,6 +108,16 @@ impl Body {
             far = far.min(a.max(b));
         }
         near < far
+    }
+
+    /// Width of the gap between two bodies along that of their axes along which it is widest, mm; negative if they overlap.
+    #[must_use]
+    pub fn apart_mm(&self, other: &Self) -> f64 {
+        let between = other.centre - self.centre;
+        let reach = |b: &Self, way: &Vector3<f64>| (b.rotation.transpose() * way).abs().dot(&b.half);
+        let ways = (0..3).flat_map(|axis| [self, other].map(|b| b.rotation.column(axis).into_owned()));
+        ways.map(|way| way.dot(&between).abs() - reach(self, &way) - reach(other, &way))
+            .fold(f64::NEG_INFINITY, f64::max)
     }
 
     /// Distance of a world point to the body, mm; 0 inside.
