@@ -50,6 +50,8 @@ pub enum Refuse {
     NoBox,
     /// One laser does not shine.
     LaserDead,
+    /// Something hides a corner, a stripe's end or a piece of a side.
+    Hidden,
 }
 
 impl Refuse {
@@ -61,6 +63,7 @@ impl Refuse {
             Self::CutByBorder => "face_cut_by_border",
             Self::NoBox => "no_box",
             Self::LaserDead => "laser_dead",
+            Self::Hidden => "face_hidden",
         }
     }
 }

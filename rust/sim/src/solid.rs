@@ -109,7 +109,7 @@ impl Solid {
             camera_local: camera.into(),
             seen: seen.into(),
             half: half.into(),
-            radius: (radius.min(half.min() * 0.5)) as f32,
+            radius: radius.min(half.min()) as f32,
             bulge,
             centre: centre.into(),
             bound: half.norm() as f32 + most,

@@ -58,6 +58,16 @@ pub fn face_truth(head: &Head, scene: &Scene, view: &View, id: &str) -> Value {
         let is_length = (crossing.along == Along::Right) == right_is_length;
         along.insert(name, json!(if is_length { "length" } else { "width" }));
     }
+    if let Some(hidden) = &scene.hidden {
+        let ends: Vec<[usize; 2]> = hidden.stripe_ends.iter().map(|[laser, end]| [laser + 1, *end]).collect();
+        let told = json!({
+            "sides": hidden.sides().collect::<Vec<_>>(),
+            "corners": hidden.corners,
+            "stripe_ends": ends,
+            "in_front_mm": round(hidden.in_front_mm, 2),
+        });
+        entry.insert("hidden".into(), told);
+    }
     entry.insert("key_points_px".into(), Value::Object(points_px));
     entry.insert("key_points_cam_mm".into(), Value::Object(points_mm));
     entry.insert("runs_along".into(), Value::Object(along));

@@ -27,7 +27,7 @@ impl Stage<'_> {
             }
         };
         let exact = || lit::at(self, solid, ray, hit.depth, normal);
-        let light = if hit.rounded && !grid.coarse() {
+        let light = if hit.rounded && (!grid.coarse() || self.is_wide(solid, hit)) {
             exact()
         } else {
             grid.lit(id, pixel.0, pixel.1).unwrap_or_else(exact)
@@ -46,5 +46,10 @@ impl Stage<'_> {
         let spot = Spot { own: solid, ray, depth: hit.depth, normal };
         self.add_lasers(&mut colour, albedo, gloss, &spot, [true; 4], pixel, traces);
         colour
+    }
+
+    /// Whether a rounding is more than a pixel or two wide, so that even a small frame shows its shading.
+    fn is_wide(&self, solid: usize, hit: &Hit) -> bool {
+        self.solids[solid].radius > 3.0 * self.cell_per_mm * hit.depth
     }
 }

@@ -3,6 +3,7 @@
 use super::beams::{FanEnd, end_fan, weaken};
 use super::light::lighting;
 use super::neighbours::{self, neighbours, step_mm};
+use super::occluder::{Hidden, occluder};
 use super::{Body, Lighting, Role, View, axes, face_half, room, stand};
 use crate::hazard::{Hazard, Hazards};
 use crate::head::{Beam, Head};
@@ -43,6 +44,8 @@ pub struct Scene {
     pub beams: [Beam; 4],
     /// Why every view must be refused, if so.
     pub refuse: Option<Refuse>,
+    /// What an occluder hides of the only view's face, if there is one.
+    pub hidden: Option<Hidden>,
     /// For the truth file: base, stand, neighbours.
     pub words: Words,
     /// Hazards that were drawn and found their place.
@@ -145,8 +148,9 @@ pub fn compose(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Scene {
 
 fn attempt(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Option<Scene> {
     let drawn = Drawn::new(&mut rng.child(), plan, &stock.hazards);
-    // A face whose stripe the laser cuts short stands where it could be measured.
-    let placing = if drawn.fan_end == Some(FanEnd::OnFace) { Plan::Face } else { plan };
+    // A face whose stripe the laser cuts short, or of which something hides a part, stands where it could be measured.
+    let spoilt_later = drawn.fan_end == Some(FanEnd::OnFace) || plan == Plan::Refused(Refuse::Hidden);
+    let placing = if spoilt_later { Plan::Face } else { plan };
     let mut hazards = BTreeSet::new();
     let mut size = box_size(rng);
     let faces = pick_faces(rng, plan);
@@ -220,15 +224,37 @@ fn attempt(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Option<Scen
     let shell = room::shell(rng, outdoors, &faces, half.y + 700.0, stock);
     bodies.extend(shell);
     bodies.extend(room::clutter(rng, reach, outdoors, stock));
-    let mut scene =
-        Scene { bodies, target: Some(0), light, views, beams: head.beams, refuse: None, words, hazards };
+    let mut scene = Scene {
+        bodies,
+        target: Some(0),
+        light,
+        views,
+        beams: head.beams,
+        refuse: None,
+        hidden: None,
+        words,
+        hazards,
+    };
     if let Plan::Refused(reason) = plan {
         scene.refuse = Some(reason);
     }
     beams(&mut rng.child(), &mut scene, head, &drawn)?;
     clear_sight(&mut scene, head, fixed);
+    if plan == Plan::Refused(Refuse::Hidden) {
+        hide(&mut rng.child(), &mut scene, head, stock)?;
+    }
     expose(rng, &mut scene);
     Some(scene)
+}
+
+/// Puts something before the face of the only view.
+fn hide(rng: &mut Rng, scene: &mut Scene, head: &Head, stock: &Stock) -> Option<()> {
+    let (target, view) = (&scene.bodies[scene.target?], scene.views.first()?);
+    let bulge_mm = f64::from(target.bulge_mm[view.face].max(0.0));
+    let (bodies, hidden) = occluder(rng, view, &target.face(view.face, view), head, bulge_mm, stock)?;
+    scene.bodies.extend(bodies);
+    scene.hidden = Some(hidden);
+    Some(())
 }
 
 /// What ails the beams; `None` if a fan that must end on the face cannot.
@@ -408,45 +434,8 @@ pub fn empty(rng: &mut Rng, head: &Head, stock: &Stock) -> Scene {
         views: vec![view],
         beams: head.beams,
         refuse: Some(Refuse::NoBox),
+        hidden: None,
         words: Words { base: "none", stand: "none", neighbours: Vec::new() },
         hazards: BTreeSet::new(),
-    }
-}
-
-/// Puts one or two things before the target: a cable, a strap end, a hand's breadth of something dark or skin coloured.
-pub fn occlude(rng: &mut Rng, scene: &mut Scene, view: &View, head: &Head) {
-    let Some(target) = scene.target.and_then(|t| scene.bodies.get(t)) else { return };
-    let pose = target.face(view.face, view);
-    for _ in 0..1 + rng.below(2) {
-        let near = rng.range(0.35, 0.93);
-        let aim = pose.point(rng.range(-1.0, 1.0) * pose.half[0], rng.range(-1.0, 1.0) * pose.half[1]) * near;
-        let z = aim.z;
-        let (size, rgb) = match rng.below(3) {
-            0 => (Vector3::new(rng.range(0.01, 0.02) * z, 3.0 * z, 0.01 * z), [28, 28, 30]),
-            1 => {
-                (Vector3::new(rng.range(0.03, 0.06) * z, rng.range(0.3, 0.8) * z, 0.01 * z), [190, 170, 130])
-            }
-            _ => {
-                (Vector3::new(rng.range(0.06, 0.12) * z, rng.range(0.15, 0.5) * z, 0.05 * z), [196, 145, 120])
-            }
-        };
-        let turn = nalgebra::Rotation3::from_euler_angles(
-            rng.normal() * 0.2,
-            rng.normal() * 0.2,
-            rng.range(0.0, std::f64::consts::TAU),
-        );
-        let body = Body {
-            centre: view.world(aim),
-            rotation: view.cam_from_world.transpose() * turn.into_inner(),
-            half: size / 2.0,
-            radius_mm: 0.3 * size.x.min(size.z),
-            bulge_mm: [0.0; FACES],
-            look: Look::bare(super::stand::paint(rng, rgb), 0.05),
-            role: Role::Occluder,
-        };
-        let clear = head.beams.iter().map(|b| view.world(b.source_mm)).chain([view.camera_mm]);
-        if clear.into_iter().all(|eye| body.distance_mm(eye) > 60.0) {
-            scene.bodies.push(body);
-        }
     }
 }

@@ -7,12 +7,14 @@ mod beams;
 pub mod compose;
 pub mod light;
 mod neighbours;
+pub mod occluder;
 pub mod room;
 pub mod stand;
 pub mod twin;
 
-pub use compose::{Plan, Scene, compose, empty, occlude};
+pub use compose::{Plan, Scene, compose, empty};
 pub use light::Lighting;
+pub use occluder::Hidden;
 
 use crate::material::Look;
 use crate::pose::FacePose;
@@ -30,7 +32,7 @@ pub enum Role {
     Stand,
     /// Floor, wall, rack.
     Room,
-    /// Something that may hide parts of the target: cable, strap end, hand.
+    /// Something that hides parts of the target: hand, post, strap, roll; a box that does is a carton.
     Occluder,
 }
 

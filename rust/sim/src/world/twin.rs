@@ -89,6 +89,7 @@ fn attempt(rng: &mut Rng, head: &Head, order: &Order, stock: &Stock) -> Option<S
         views,
         beams: head.beams,
         refuse: None,
+        hidden: None,
         words,
         hazards: BTreeSet::new(),
     };
