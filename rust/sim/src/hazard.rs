@@ -45,7 +45,7 @@ pub enum Hazard {
     FanEnd,
     /// One laser at a third of its power.
     WeakLaser,
-    /// A glossy floor that mirrors stripes.
+    /// A glossy floor that mirrors stripes: listed where an image of one is in view.
     MirrorFloor,
     /// Laser light that comes back from a wall, the floor or a neighbour: a faint second stripe.
     SecondBounce,
@@ -108,7 +108,7 @@ impl Hazard {
             Self::EdgePrint => ("edge_print", 0.4),
             Self::FanEnd => ("fan_end", 0.04),
             Self::WeakLaser => ("weak_laser", 0.08),
-            Self::MirrorFloor => ("mirror_floor", 0.1),
+            Self::MirrorFloor => ("mirror_floor", 0.2),
             Self::SecondBounce => ("second_bounce", 0.1),
             Self::Oblique => ("oblique", 0.15),
         }

@@ -118,7 +118,7 @@ fn drawn(rng: &mut Rng, half: &Vector3<f64>, stock: &Stock, edged: bool) -> Cart
     if rng.chance(0.16) {
         closure::straps(rng, half, stock, &mut decals);
     }
-    Carton { look: Look { surface, decals, gloss }, base: kind.word, hazards: BTreeSet::new() }
+    Carton { look: Look { decals, ..Look::bare(surface, gloss) }, base: kind.word, hazards: BTreeSet::new() }
 }
 
 fn print(

@@ -25,13 +25,15 @@ pub struct Look {
     pub decals: Vec<Decal>,
     /// Reflectance of the coat at normal incidence as a share; 0.02 is matt board, 0.3 varnish.
     pub gloss: f32,
+    /// Share of what meets it straight on that it mirrors sharply, as a polished floor does; 0 for all that is rough.
+    pub mirror: f32,
 }
 
 impl Look {
     /// A bare surface.
     #[must_use]
     pub const fn bare(surface: Surface, gloss: f32) -> Self {
-        Self { surface, decals: Vec::new(), gloss }
+        Self { surface, decals: Vec::new(), gloss, mirror: 0.0 }
     }
 }
 

@@ -1,6 +1,7 @@
 //! Draws a whole scene: box, stand, views that can (or must not) be measured, surroundings, light.
 
 use super::beams::{FanEnd, end_fan, weaken};
+use super::detour::{bounce, floor, mirrored_in_view};
 use super::light::lighting;
 use super::neighbours::{self, neighbours, step_mm};
 use super::occluder::{Hidden, occluder};
@@ -109,6 +110,8 @@ struct Drawn {
     one_colour: bool,
     /// Which kinds of neighbours.
     touching: Vec<Hazard>,
+    polished_floor: bool,
+    second_bounce: bool,
 }
 
 impl Drawn {
@@ -117,6 +120,7 @@ impl Drawn {
         let oblique = draw(Hazard::Oblique) && matches!(plan, Plan::Box | Plan::Face);
         let weak_laser = draw(Hazard::WeakLaser);
         let one_colour = draw(Hazard::OneColour);
+        let (polished_floor, second_bounce) = (draw(Hazard::MirrorFloor), draw(Hazard::SecondBounce));
         let mut touching: Vec<Hazard> =
             [Hazard::FlushNeighbour, Hazard::SteppedNeighbour].into_iter().filter(|h| draw(*h)).collect();
         let other = if rng.chance(0.5) { Hazard::FlushNeighbour } else { Hazard::SteppedNeighbour };
@@ -130,7 +134,7 @@ impl Drawn {
             Plan::Refused(_) => None,
             _ => hazards.draw(rng, Hazard::FanEnd).then_some(FanEnd::Beyond),
         };
-        Self { oblique, weak_laser, fan_end, one_colour, touching }
+        Self { oblique, weak_laser, fan_end, one_colour, touching, polished_floor, second_bounce }
     }
 }
 
@@ -243,6 +247,7 @@ fn attempt(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Option<Scen
     if plan == Plan::Refused(Refuse::Hidden) {
         hide(&mut rng.child(), &mut scene, head, stock)?;
     }
+    detours(&mut rng.child(), &mut scene, head, &drawn);
     expose(rng, &mut scene);
     Some(scene)
 }
@@ -255,6 +260,26 @@ fn hide(rng: &mut Rng, scene: &mut Scene, head: &Head, stock: &Stock) -> Option<
     scene.bodies.extend(bodies);
     scene.hidden = Some(hidden);
     Some(())
+}
+
+/// Light that comes by way of other surfaces, where it would be seen.
+fn detours(rng: &mut Rng, scene: &mut Scene, head: &Head, drawn: &Drawn) {
+    let ground = floor(&scene.bodies).filter(|_| drawn.polished_floor && scene.light.ambient != "sun");
+    if let Some(ground) = ground {
+        if scene.views.iter().any(|v| mirrored_in_view(scene, v, head, ground)) {
+            scene.bodies[ground].look.mirror = rng.range_f32(0.05, 0.12);
+            scene.hazards.insert(Hazard::MirrorFloor);
+        }
+    }
+    if drawn.second_bounce {
+        let found: Vec<_> = scene.views.iter().map(|v| bounce(rng, scene, v, head)).collect();
+        for (view, bounce) in scene.views.iter_mut().zip(found) {
+            view.bounce = bounce;
+            if bounce.is_some() {
+                scene.hazards.insert(Hazard::SecondBounce);
+            }
+        }
+    }
 }
 
 /// What ails the beams; `None` if a fan that must end on the face cannot.
@@ -426,7 +451,7 @@ pub fn empty(rng: &mut Rng, head: &Head, stock: &Stock) -> Scene {
     let cam_from_world = turn.into_inner() * upright.transpose();
     let exposure = rng.range(0.7, 1.1) / light.free_irradiance(Vector3::zeros(), Vector3::z()).max(0.2);
     bodies.retain(|b| b.distance_mm(camera_mm) > 150.0);
-    let view = View { cam_from_world, camera_mm, face: 0, exposure };
+    let view = View { cam_from_world, camera_mm, face: 0, exposure, bounce: None };
     Scene {
         bodies,
         target: None,

@@ -5,6 +5,7 @@
 
 mod beams;
 pub mod compose;
+pub mod detour;
 pub mod light;
 mod neighbours;
 pub mod occluder;
@@ -13,6 +14,7 @@ pub mod stand;
 pub mod twin;
 
 pub use compose::{Plan, Scene, compose, empty};
+pub use detour::Bounce;
 pub use light::Lighting;
 pub use occluder::Hidden;
 
@@ -155,6 +157,8 @@ pub struct View {
     pub face: usize,
     /// Exposure: 1 maps a white surface under the face's light to full scale.
     pub exposure: f64,
+    /// Laser light that comes by way of another surface.
+    pub bounce: Option<Bounce>,
 }
 
 impl View {
@@ -164,7 +168,19 @@ impl View {
         let cam_from_world = pose.cam_from_face * axes(index).transpose();
         let face_centre = box_centre - axes(index).column(2) * half[index / 2];
         let camera_mm = face_centre - cam_from_world.transpose() * pose.centre;
-        Self { cam_from_world, camera_mm, face: index, exposure: 1.0 }
+        Self { cam_from_world, camera_mm, face: index, exposure: 1.0, bounce: None }
+    }
+
+    /// The view whose picture is this one's mirror image in the floor: of a camera that looks up from below it. Its frame is
+    /// left-handed.
+    #[must_use]
+    pub fn in_floor(&self) -> Self {
+        let flip = Vector3::new(1.0, 1.0, -1.0);
+        Self {
+            cam_from_world: self.cam_from_world * Matrix3::from_diagonal(&flip),
+            camera_mm: self.camera_mm.component_mul(&flip),
+            ..*self
+        }
     }
 
     /// A world point in the camera frame.
