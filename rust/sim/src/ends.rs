@@ -352,7 +352,7 @@ fn judge(
     let before = section.on_plane(-(radius + INSIDE_MM).min(0.25 * reach));
     let shown = light.cast(before).filter(|(body, ..)| *body == target);
     let Some(seen) = shown.and_then(|(body, _, at)| eye.sees(body, at)) else {
-        let dead = scene.dead[laser];
+        let dead = scene.beams[laser].power <= 0.0;
         return (if dead { EndClass::Dark } else { EndClass::Occluded }, None, false);
     };
     if !eye.stands_out(laser, &seen) {
@@ -442,7 +442,7 @@ mod tests {
     /// A box on a floor and before a wall, seen from above its front; on its left a neighbour, `step` behind the front.
     fn scene(step: f64, gap: f64) -> (Head, Scene) {
         let head = Head::nominal().unwrap();
-        let mut scene = compose::empty(&mut Rng::new(3, 3), &Stock::default());
+        let mut scene = compose::empty(&mut Rng::new(3, 3), &head, &Stock::default());
         let target = body([0.0; 3], SIZE.into(), Role::Target).rounded(1.0);
         let cam_from_face = turned(45.0, 0.0, 0.0) * turned(0.0, 25.0, 0.0);
         let normal: Vector3<f64> = cam_from_face.column(2).into();
@@ -531,7 +531,7 @@ mod tests {
         let mut plate = body([0.0; 3], [30.0, 4.0, 30.0], Role::Occluder);
         plate.centre = view.world(hidden.at_mm * 0.97);
         scene.bodies.push(plate);
-        scene.dead[3 - hidden.laser] = true;
+        scene.beams[3 - hidden.laser].power = 0.0;
         for (end, before) in ends(&head, &scene).iter().zip(&free) {
             let expected = match end.laser {
                 laser if laser == 3 - hidden.laser => EndClass::Dark,

@@ -34,9 +34,10 @@ const FAN_SHARE: f64 = 0.3;
 pub fn false_lines(head: &Head, scene: &Scene, view: &View) -> Vec<FalseLine> {
     let Some(target) = scene.target else { return Vec::new() };
     let face = scene.bodies[target].face(view.face, view);
+    let shining = scene.head(head);
     let mut lines: Vec<FalseLine> = (0..4)
-        .filter(|laser| !scene.dead[*laser])
-        .flat_map(|laser| fan_ends(head, &face, laser).into_iter().flatten())
+        .filter(|laser| scene.beams[*laser].power > 0.0)
+        .flat_map(|laser| fan_ends(&shining, &face, laser).into_iter().flatten())
         .collect();
     lines.extend(scene.bodies[target].look.lines.iter().filter(|line| line.face == view.face).map(|line| {
         FalseLine {

@@ -152,7 +152,7 @@ impl Solid {
             to_local: Rows::new(&rows),
             camera_local: (rows * -centre).into(),
             half: half.into(),
-            radius: (shape.radius_mm.min(half.min() * 0.5)) as f32,
+            radius: (shape.radius_mm.min(half.min())) as f32,
             bulge: shape.bulge_mm,
             waves: shape.waves.clone(),
             cuts: Vec::new(),
@@ -211,6 +211,13 @@ impl Solid {
     #[must_use]
     pub fn bent(&self) -> bool {
         self.bent_by > 0.0
+    }
+
+    /// Radius of the edges, mm.
+    #[inline]
+    #[must_use]
+    pub const fn radius(&self) -> f32 {
+        self.radius
     }
 
     /// Half sizes of the upright cuboid around the solid in its own frame, mm.

@@ -64,19 +64,31 @@ pub fn face_truth(head: &Head, shot: &Shot<'_>, stock: &Stock) -> Value {
         entry.insert("notes".into(), json!({"materials": scene.materials(stock)}));
         return Value::Object(entry);
     };
+    let shining = scene.head(head);
     entry.insert("size_mm".into(), json!(face.size_mm().map(|s| round(s, 4))));
     entry.insert("corners_cam_mm".into(), json!(face.corners().map(mm)));
     entry.insert("corners_px".into(), json!(face.corners().map(|c| px(head, &c))));
     let (mut points_px, mut points_mm, mut along) = (Map::new(), Map::new(), Map::new());
     for laser in 0..4 {
         let name = format!("stripe {}", laser + 1);
-        let Some(crossing) = face.crossing(head, laser, 0.0).filter(|_| !scene.dead[laser]) else { continue };
+        let lit = scene.beams[laser].power > 0.0;
+        let Some(crossing) = face.crossing(&shining, laser, 0.0).filter(|_| lit) else { continue };
         let points = crossing.at.map(|[right, down]| face.point(right, down));
         points_px.insert(name.clone(), json!(points.map(|p| px(head, &p))));
         points_mm.insert(name.clone(), json!(points.map(mm)));
         let right_is_length = face.half[0] >= face.half[1];
         let is_length = (crossing.along == Along::Right) == right_is_length;
         along.insert(name, json!(if is_length { "length" } else { "width" }));
+    }
+    if let Some(hidden) = &scene.hidden {
+        let ends: Vec<[usize; 2]> = hidden.stripe_ends.iter().map(|[laser, end]| [laser + 1, *end]).collect();
+        let told = json!({
+            "sides": hidden.sides().collect::<Vec<_>>(),
+            "corners": hidden.corners,
+            "stripe_ends": ends,
+            "in_front_mm": round(hidden.in_front_mm, 2),
+        });
+        entry.insert("hidden".into(), told);
     }
     entry.insert("key_points_px".into(), Value::Object(points_px));
     entry.insert("key_points_cam_mm".into(), Value::Object(points_mm));
