@@ -16,4 +16,6 @@ pub use file::write_json;
 pub(crate) use recording::resolved_path;
 pub use recording::{Laser, RecordedFrame, Recording, Role, parse_recording, read_recording, recording_json};
 pub use report::{face_json, report_json};
-pub use truth::{Board, Truth, TruthFace, parse_board, parse_truth, read_board, read_truth};
+pub use truth::{
+    Board, Truth, TruthFace, TruthLine, TruthNotes, parse_board, parse_truth, read_board, read_truth,
+};

@@ -34,6 +34,36 @@ pub struct TruthFace {
     pub refuse: Option<String>,
     /// The light: `office`, `sun`, ...
     pub ambient: Option<String>,
+    /// Straight lines near and along a side that may be taken for it.
+    pub false_lines: Vec<TruthLine>,
+    /// What else is known of the scene.
+    pub notes: TruthNotes,
+}
+
+/// A straight line near a side of the face and parallel to it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TruthLine {
+    /// Side k joins corners k and k + 1 of [`TruthFace::corners_px`].
+    pub side: usize,
+    /// From the side along the face, mm; positive outwards.
+    pub offset_mm: f64,
+    /// What it is: `neighbour`, `fan_end`, or the kind of print.
+    pub kind: String,
+}
+
+/// What a truth file notes beside what can be measured; each may be missing.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TruthNotes {
+    /// What makes the face hard to measure; `None` in files that know of none.
+    pub hazards: Option<Vec<String>>,
+    /// Where other boxes touch this one.
+    pub neighbours: Option<Vec<String>>,
+    /// From the camera to the face's middle, mm.
+    pub distance_mm: Option<f64>,
+    /// Between the face's normal and the line of sight to its middle, degrees.
+    pub angle_to_normal_deg: Option<f64>,
+    /// Radius of the box's edges, mm.
+    pub edge_radius_mm: Option<f64>,
 }
 
 /// Reads `truth.json` of a folder; `None` if there is none.
@@ -87,6 +117,39 @@ fn truth_face(face: &Field<'_>) -> Result<TruthFace, Error> {
         key_points_px,
         refuse: text("refuse")?,
         ambient: text("ambient")?,
+        false_lines: face
+            .optional("false_lines")?
+            .map_or(Ok(Vec::new()), |f| f.list())?
+            .iter()
+            .map(false_line)
+            .collect::<Result<_, _>>()?,
+        notes: face.optional("notes")?.map_or(Ok(TruthNotes::default()), |f| notes(&f))?,
+    })
+}
+
+fn false_line(line: &Field<'_>) -> Result<TruthLine, Error> {
+    let side = line.get("side")?;
+    let number = side.count()? as usize;
+    if number > 3 {
+        return Err(side.error(format_args!("found {number}, 0 to 3 are allowed")));
+    }
+    let offset_mm = line.get("offset_mm")?.number()?;
+    Ok(TruthLine { side: number, offset_mm, kind: line.get("kind")?.text()?.to_owned() })
+}
+
+fn notes(notes: &Field<'_>) -> Result<TruthNotes, Error> {
+    let number = |key: &str| notes.optional(key)?.map(|f| f.number()).transpose();
+    let words = |key: &str| {
+        let list = notes.optional(key)?.map(|f| f.list()).transpose()?;
+        let owned = |f: &Field<'_>| f.text().map(str::to_owned);
+        list.map(|list| list.iter().map(owned).collect::<Result<Vec<_>, Error>>()).transpose()
+    };
+    Ok(TruthNotes {
+        hazards: words("hazards")?,
+        neighbours: words("neighbours")?,
+        distance_mm: number("distance_mm")?,
+        angle_to_normal_deg: number("angle_to_normal_deg")?,
+        edge_radius_mm: number("edge_radius_mm")?,
     })
 }
 
