@@ -3,8 +3,8 @@
 
 use boxline::{Calibration, Error, ErrorKind};
 use boxline_proto::json::{
-    Laser, Role, calibration_json, parse_board, parse_calibration, parse_recording, parse_truth, read_board,
-    read_calibration, read_recording, read_truth, recording_json, write_json,
+    Laser, Role, TruthLine, TruthNotes, calibration_json, parse_board, parse_calibration, parse_recording,
+    parse_truth, read_board, read_calibration, read_recording, read_truth, recording_json, write_json,
 };
 use proptest::prelude::*;
 use serde_json::{Value, json};
@@ -58,6 +58,32 @@ fn every_recording_of_the_repository_reads_whole() {
     assert_eq!(read_truth(&data("..")).unwrap(), None);
     let board = read_board(&data("calibration_set/board.json")).unwrap();
     assert_eq!((board.columns, board.rows, board.pitch_mm, board.thickness_mm), (12, 11, 100.0, 5.0));
+}
+
+#[test]
+fn a_truth_tells_what_is_hard_about_a_face() {
+    let truth = json!({"faces": [{
+        "frame": "a",
+        "false_lines": [{"side": 2, "offset_mm": -14.5, "kind": "band", "new": 1}],
+        "notes": {"hazards": ["strap", "film"], "neighbours": [], "distance_mm": 900.5, "angle_to_normal_deg": 31,
+                  "edge_radius_mm": 2.5, "bulge_mm": {}},
+    }]});
+    let read = |truth: &Value| parse_truth(truth.to_string().as_bytes(), "truth.json");
+    let face = read(&truth).unwrap().faces.remove(0);
+    assert_eq!(face.false_lines, [TruthLine { side: 2, offset_mm: -14.5, kind: "band".into() }]);
+    let notes = TruthNotes {
+        hazards: Some(vec!["strap".into(), "film".into()]),
+        neighbours: Some(Vec::new()),
+        distance_mm: Some(900.5),
+        angle_to_normal_deg: Some(31.0),
+        edge_radius_mm: Some(2.5),
+    };
+    assert_eq!(face.notes, notes);
+    let mut broken = truth.clone();
+    broken["faces"][0]["false_lines"][0]["side"] = json!(4);
+    let said = read(&broken).unwrap_err().to_string();
+    assert_eq!(said, "truth.json: faces[0].false_lines[0].side: found 4, 0 to 3 are allowed");
+    assert_eq!(read(&json!({"faces": [{"frame": "a"}]})).unwrap().faces[0].notes, TruthNotes::default());
 }
 
 #[test]
@@ -259,6 +285,8 @@ fn broken_truths_and_boards_name_file_and_field() {
             Some(json!({"cam_from_on": {"rotation_mrad": [0, 0, 0]}})),
             &["faces[1].off.cam_from_on.translation_mm: missing"],
         ),
+        ("/faces/1/notes/distance_mm", Some(json!("far")), &["faces[1].notes.distance_mm: found \"far\""]),
+        ("/faces/1/notes/neighbours", Some(json!([7])), &["faces[1].notes.neighbours[0]: found 7"]),
     ];
     for (pointer, value, parts) in truths {
         let bytes = broken("b02/truth.json", pointer, value.clone());

@@ -5,8 +5,8 @@ use boxline::feasibility::Move;
 use boxline::frames::{Plane, Point};
 use boxline::measurement::FaceMeasurement;
 use boxline::{
-    AngleEstimate, BoxMeasurement, BoxReport, DepthSeen, ErrorKind, Estimate, FaceOutcome, Hint, LaserId,
-    Outcome, Px, Reject, SurfacePoint, Volume, Warning, WarningKind,
+    AngleEstimate, BoxMeasurement, BoxReport, Candidate, DepthSeen, ErrorKind, Estimate, FaceOutcome, Hint,
+    LaserId, Outcome, Px, Reject, SurfacePoint, Volume, Warning, WarningKind,
 };
 use boxline_proto::json::{face_json, parse_calibration, parse_recording, report_json};
 use boxline_proto::message::{
@@ -35,6 +35,7 @@ fn face() -> FaceMeasurement {
         ),
         warnings: WarningKind::ALL.map(warning).to_vec(),
         surface: vec![SurfacePoint { at_mm: [-20.0, 30.5], height: Estimate::new(1.25, 0.125) }],
+        confidence: Some(0.9375),
     }
 }
 
@@ -56,7 +57,12 @@ fn report(outcome: Outcome) -> BoxReport {
     let rejected = FaceOutcome::Rejected(Reject::RectangleOpen { sides_found: 3 });
     let warnings = vec![warning(WarningKind::SidesDiffer)];
     let settled = Some(DepthSeen { depth: Estimate::new(300.5, 2.0), log_odds: 14.5, stripes: 3 });
-    BoxReport { outcome, faces: [FaceOutcome::Measured(Box::new(face())), rejected], warnings, settled }
+    let faces = [FaceOutcome::Measured(Box::new(face())), rejected];
+    let (confidence, likeliest) = match outcome {
+        Outcome::Rejected(_) => (None, Some(Candidate { sides: sides(310.0), confidence: 0.5 })),
+        _ => (Some(0.75), None),
+    };
+    BoxReport { outcome, faces, warnings, settled, confidence, likeliest }
 }
 
 /// For the rejected one of its two faces.
@@ -105,7 +111,7 @@ fn a_measured_box_as_json() {
         "plane": {"normal": [0.0, 0.0, 1.0], "distance_mm": 1000.0}, "rms_px": 0.4, "reject": null,
         "corner_angles_rad": corner_angles,
         "warnings": warning_entries, "surface_mm": [[-20.0, 30.5, 1.25, 0.125]],
-        "hint": null,
+        "hint": null, "confidence": 0.9375,
     });
     let reject = json!({"reason": "rectangle_open", "sides_found": 3.0,
                         "text": "only 3 of 4 sides of the face were found"});
@@ -115,6 +121,7 @@ fn a_measured_box_as_json() {
         "corner_angles_rad": null, "warnings": [], "surface_mm": [],
         "hint": {"text": "roll the head by 11 degrees clockwise, go 20 cm closer", "moves": [
             {"move": "roll", "clockwise_rad": 0.2}, {"move": "closer", "by_mm": 200.0}]},
+        "confidence": null,
     });
     let measured = report(Outcome::Measured(sides(300.0)));
     let expected = json!({
@@ -124,6 +131,7 @@ fn a_measured_box_as_json() {
         "candidates": [], "reject": null, "faces": [entry, rejected],
         "warnings": [between],
         "settled": {"depth_mm": estimate(300.5, 2.0), "log_odds": 14.5, "stripes": 3},
+        "confidence": 0.75, "likeliest": null,
     });
     assert_eq!(report_json(&measured, &hints(), ["a", "b"]), expected);
     assert!(
@@ -135,13 +143,13 @@ fn a_measured_box_as_json() {
         "outcome": "measured",
         "length_mm": estimate(550.5, 0.25), "width_mm": estimate(300.0, 0.1),
         "height_mm": null, "volume_m3": null, "candidates": [], "reject": null, "faces": [entry], "warnings": [],
-        "settled": null,
+        "settled": null, "confidence": 0.9375, "likeliest": null,
     });
     assert_eq!(face_json(&measured.faces[0], None, "a"), expected);
     let expected = json!({
         "outcome": "rejected", "length_mm": null, "width_mm": null, "height_mm": null, "volume_m3": null,
         "candidates": [], "reject": reject, "faces": [rejected], "warnings": [],
-        "settled": null,
+        "settled": null, "confidence": null, "likeliest": null,
     });
     assert_eq!(face_json(&measured.faces[1], hints()[1].as_ref(), "b"), expected);
 }
@@ -171,6 +179,9 @@ fn ambiguous_and_rejected_boxes_as_json() {
         let object = report_json(&report(Outcome::Rejected(reject.clone())), &hints(), ["a", "b"]);
         assert_eq!(object["reject"]["reason"], reject.reason());
         assert_eq!(object["reject"]["text"], reject.to_string());
+        assert_eq!(object["confidence"], Value::Null);
+        assert_eq!(object["likeliest"]["height_mm"], estimate(310.0, 0.1));
+        assert_eq!(object["likeliest"]["confidence"], 0.5);
         for (name, value) in reject.numbers() {
             assert_eq!(object["reject"][name], value);
         }

@@ -22,13 +22,15 @@ use serde_json::{Map, Value, json};
 ///             "corners_px": [[u, v], "4 of them"], "key_points_px": {"1": [[u, v], [u, v]], "2": ..},
 ///             "plane": {"normal": [x, y, z], "distance_mm": 0}, "rms_px": 0,
 ///             "corner_angles_rad": [{"value": 0, "sigma": 0}, "4 of them, or null"], "warnings": [..], "reject": {..},
-///             "surface_mm": [[along_length, along_width, height, sigma], "one a piece of a stripe"],
+///             "surface_mm": [[along_length, along_width, height, sigma], "one a piece of a stripe"], "confidence": 0.97,
 ///             "hint": {"text": "go 20 cm closer", "moves": [{"move": "closer", "by_mm": 200}]}}],
 ///  "settled": {"depth_mm": {..}, "log_odds": 0, "stripes": 0},
+///  "confidence": 0.93, "likeliest": {"length_mm": {..}, "width_mm": {..}, "height_mm": {..}, "volume_m3": {..}, "confidence": 0.5},
 ///  "warnings": [{"kind": "sides_differ", "difference_mm": 0, .., "text": "for people"}]}
 /// ```
 /// The sides are there if the outcome is `measured`, the two candidates if it is `ambiguous`; `settled` if stripes on neighbouring
-/// faces told an A x A x B box from A x B x B. The plane's unit normal points away from the camera (frame: camera). `surface_mm`
+/// faces told an A x A x B box from A x B x B. `confidence` is the probability that the result is right, `null` without a network;
+/// `likeliest` the likeliest box of a refused pair, if there is one. The plane's unit normal points away from the camera (frame: camera). `surface_mm`
 /// is how far the surface lies from the plane, towards the camera, at a position from the face's middle. The hint is `null` if the view
 /// was not refused or moving does not help.
 #[must_use]
@@ -52,6 +54,12 @@ pub fn report_json(report: &BoxReport, hints: &[Option<Hint>; 2], frame_ids: [&s
         "settled": report.settled.map(|seen| json!({
             "depth_mm": estimate(seen.depth), "log_odds": seen.log_odds, "stripes": seen.stripes,
         })),
+        "confidence": report.confidence,
+        "likeliest": report.likeliest.as_ref().map(|likeliest| {
+            let mut entry = candidate(&likeliest.sides);
+            entry["confidence"] = json!(likeliest.confidence);
+            entry
+        }),
         "warnings": report.warnings.iter().map(warning_entry).collect::<Vec<_>>(),
     })
 }
@@ -70,6 +78,8 @@ pub fn face_json(face: &FaceOutcome, hint: Option<&Hint>, frame_id: &str) -> Val
         "reject": entry["reject"],
         "faces": [entry],
         "settled": null,
+        "confidence": entry["confidence"],
+        "likeliest": null,
         "warnings": [],
     })
 }
@@ -105,6 +115,7 @@ fn face_entry(face: &FaceOutcome, hint: Option<&Hint>, frame_id: &str) -> Value 
         "reject": reject.map(reject_entry),
         "surface_mm": face.map_or_else(Vec::new, |f| f.surface.iter().map(surface_point).collect()),
         "hint": hint.map(hint_entry),
+        "confidence": face.and_then(|f| f.confidence),
     })
 }
 

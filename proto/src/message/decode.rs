@@ -7,8 +7,9 @@ use boxline::feasibility::Move;
 use boxline::frames::{Plane, Point};
 use boxline::measurement::FaceMeasurement;
 use boxline::{
-    AngleEstimate, BoxMeasurement, BoxReport, Calibration, CameraModel, DepthSeen, Error, ErrorKind,
-    Estimate, FaceOutcome, Hint, LaserId, Outcome, Px, Reject, SurfacePoint, Volume, Warning, WarningKind,
+    AngleEstimate, BoxMeasurement, BoxReport, Calibration, CameraModel, Candidate, DepthSeen, Error,
+    ErrorKind, Estimate, FaceOutcome, Hint, LaserId, Outcome, Px, Reject, SurfacePoint, Volume, Warning,
+    WarningKind,
 };
 use nalgebra::Vector3;
 use std::path::Path;
@@ -54,10 +55,19 @@ pub(super) fn report(message: v1::BoxReport) -> Result<DecodedReport, Error> {
     let (second, second_hint, second_id) = face(second).map_err(|e| e.in_context("faces[1]"))?;
     let warnings = message.warnings.into_iter().map(warning).collect::<Result<_, _>>()?;
     let settled = message.settled.map(depth_seen).transpose()?;
+    let confidence = message.confidence.map(|value| finite(value, "confidence")).transpose()?;
+    let likeliest = message.likeliest.map(candidate).transpose()?;
     Ok(DecodedReport {
-        report: BoxReport { outcome, faces: [first, second], warnings, settled },
+        report: BoxReport { outcome, faces: [first, second], warnings, settled, confidence, likeliest },
         hints: [first_hint, second_hint],
         frame_ids: [first_id, second_id],
+    })
+}
+
+fn candidate(message: v1::Candidate) -> Result<Candidate, Error> {
+    Ok(Candidate {
+        sides: sides(required(message.sides, "likeliest.sides")?)?,
+        confidence: finite(message.confidence, "likeliest.confidence")?,
     })
 }
 
@@ -110,6 +120,7 @@ fn face(message: v1::Face) -> Result<(FaceOutcome, Option<Hint>, String), Error>
                 corner_angles: corner_angles(message.corner_angles)?,
                 warnings: message.warnings.into_iter().map(warning).collect::<Result<_, _>>()?,
                 surface: message.surface.into_iter().map(surface_point).collect::<Result<_, _>>()?,
+                confidence: message.confidence.map(|value| finite(value, "confidence")).transpose()?,
             }))
         }
         v1::Outcome::Rejected => FaceOutcome::Rejected(reject(required(message.reject, "reject")?)?),

@@ -23,8 +23,21 @@ pub(super) fn report(report: &BoxReport, hints: &[Option<Hint>; 2], frame_ids: [
         log_odds: seen.log_odds,
         stripes: u32::try_from(seen.stripes).unwrap_or(u32::MAX),
     });
-    let outcome = outcome.into();
-    v1::BoxReport { outcome, sides: measured, candidates, reject: rejected, faces, warnings, settled }
+    let likeliest = report.likeliest.as_ref().map(|likeliest| v1::Candidate {
+        sides: Some(sides(&likeliest.sides)),
+        confidence: likeliest.confidence,
+    });
+    v1::BoxReport {
+        outcome: outcome.into(),
+        sides: measured,
+        candidates,
+        reject: rejected,
+        faces,
+        warnings,
+        settled,
+        confidence: report.confidence,
+        likeliest,
+    }
 }
 
 pub(super) fn face(outcome: &FaceOutcome, hint: Option<&Hint>, frame_id: &str) -> v1::Face {
@@ -45,6 +58,7 @@ pub(super) fn face(outcome: &FaceOutcome, hint: Option<&Hint>, frame_id: &str) -
             warnings: face.warnings.iter().map(warning).collect(),
             surface: face.surface.iter().map(surface_point).collect(),
             hint,
+            confidence: face.confidence,
         },
         FaceOutcome::Rejected(why) => {
             let outcome = v1::Outcome::Rejected.into();

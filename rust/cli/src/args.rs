@@ -5,7 +5,7 @@ use boxline::measurement::USUAL_DRIFT_RAD;
 use boxline::{EdgeMethod, Method, Network, Settings};
 use boxline_edgenet::{EdgeNet, Options};
 #[cfg(feature = "render")]
-use boxline_sim::Hazards;
+use boxline_sim::{Hazards, recording::Kind};
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -47,13 +47,16 @@ Examples:
   boxline evaluate tests/data/b01 tests/data/refuse --method both --json
   boxline evaluate --edges
   boxline evaluate tests/data --edges --model boxnet.onnx
-  boxline evaluate --simulate 60 --photos photos
+  boxline evaluate --simulate 400 --seed 200000000 --photos photos --csv boxes.csv --report accuracy.md
+  boxline evaluate --report accuracy.md --csv boxes.csv --csv occluded.csv
   boxline evaluate tests/data --experiments --out rust/EXPERIMENTS.md
 
 Reads folders that hold recording.json and truth.json, or parents of such folders. A recording whose truth has a box is
 measured as a pair of frames; any other recording frame by frame. Measuring where a refusal was due, and refusing where a
-measurement was due, is flagged as WRONG. --simulate measures rendered boxes that training never shows, --experiments repeats the paper's
-experiments on rendered twins. Exit codes: 0 the evaluation ran, whatever it found; 2 broken input or usage.")]
+measurement was due, is flagged as WRONG. --simulate measures rendered boxes of materials that training never shows, --experiments
+repeats the paper's experiments on rendered twins. --csv keeps one row a side and goes on where a run was stopped; after a change of the
+program give another file. Several recordings are measured at a time, as many as there are processors or RAYON_NUM_THREADS says.
+Exit codes: 0 the evaluation ran, whatever it found; 2 broken input (the other recordings are told all the same) or usage.")]
     Evaluate(EvaluateArgs),
     /// Calibrates camera and lasers of a head from frames of the circle board
     #[command(after_help = "\
@@ -207,9 +210,29 @@ pub struct EvaluateArgs {
     /// JPEGs for the textures of rendered frames (rust/edgenet/training/photos.sh fills a folder)
     #[arg(long, value_name = "FOLDER")]
     pub photos: Option<PathBuf>,
-    /// Measure so many rendered boxes, two full frames each; errors by size of the side
+    /// Measure so many rendered recordings, one a seed: the same as `render --held-out` writes, of one face if it is not of a box
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000), conflicts_with_all = ["folders", "calibration", "experiments"])]
     pub simulate: Option<u64>,
+    /// What --simulate renders
+    #[cfg(feature = "render")]
+    #[arg(long, value_enum, default_value_t = RenderKind::Box)]
+    pub kind: RenderKind,
+    /// What may make the rendered ones hard to measure: all, none, or names with commas between them
+    #[cfg(feature = "render")]
+    #[arg(long, value_name = "LIST", default_value = "all", value_parser = Hazards::parse)]
+    pub hazards: Hazards,
+    /// Keep one row a side in this file, and go on with what is not there yet
+    #[arg(long, value_name = "FILE", conflicts_with = "experiments")]
+    pub csv: Vec<PathBuf>,
+    /// Write a page about all rows of the file (.md), its pictures beside it in docs/; without anything to measure, of several --csv
+    #[arg(long, value_name = "PAGE", conflicts_with = "experiments")]
+    pub report: Option<PathBuf>,
+    /// A sentence for the head of the page: what the seeds were used for before
+    #[arg(long, value_name = "TEXT", requires = "report")]
+    pub note: Option<String>,
+    /// Draw every wrong result with the truth, a picture each
+    #[arg(long, value_name = "FOLDER", conflicts_with = "experiments")]
+    pub overlays: Option<PathBuf>,
     /// Repeat the paper's experiments on rendered twins and, if they are given, on recordings; needs --out
     #[arg(long, requires = "out", conflicts_with_all = ["calibration", "method", "edges"])]
     pub experiments: bool,
@@ -289,6 +312,20 @@ pub enum RenderKind {
     Refuse,
     /// Faces of which something hides a part; they must be refused
     Occluded,
+}
+
+#[cfg(feature = "render")]
+impl RenderKind {
+    /// The renderer's name for it; `frames` of a recording that is not of a box.
+    pub const fn of(self, frames: usize) -> Kind {
+        match self {
+            Self::Box => Kind::Box,
+            Self::Twins => Kind::Twins,
+            Self::Face => Kind::Faces(frames),
+            Self::Refuse => Kind::Refuse(frames),
+            Self::Occluded => Kind::Occluded(frames),
+        }
+    }
 }
 
 #[cfg(feature = "render")]
@@ -372,6 +409,12 @@ impl NetworkArgs {
             return Ok(None);
         }
         self.load_anyway().map(Some)
+    }
+
+    /// The same where several run side by side: one thread each unless told otherwise.
+    pub fn load_one_of_many(&self, edges: EdgeName) -> Result<Option<EdgeNet>, boxline::Error> {
+        let threads = Some(self.threads.unwrap_or(NonZeroUsize::MIN));
+        Self { model: self.model.clone(), threads }.load(edges)
     }
 
     /// Loads the network.

@@ -50,8 +50,8 @@ pub fn measure(args: &MeasureArgs) -> anyhow::Result<Finished> {
 
     if let Some(path) = &args.output.overlay {
         let views = [
-            View { name: names[0], frame: &frame_a, face: &report.faces[0] },
-            View { name: names[1], frame: &frame_b, face: &report.faces[1] },
+            View { name: names[0], frame: &frame_a, face: &report.faces[0], truth: None },
+            View { name: names[1], frame: &frame_b, face: &report.faces[1], truth: None },
         ];
         overlay::write(&overlay::draw(&views, &Headline::of_box(&report.outcome))?, path)?;
     }
@@ -80,7 +80,7 @@ pub fn face(args: &FaceArgs) -> anyhow::Result<Finished> {
     let name = file_name(&args.frame);
 
     if let Some(path) = &args.output.overlay {
-        let view = View { name: &name, frame: &frame, face: &face };
+        let view = View { name: &name, frame: &frame, face: &face, truth: None };
         overlay::write(&overlay::draw(&[view], &Headline::of_face(&face))?, path)?;
     }
     let stdout = if args.output.json {

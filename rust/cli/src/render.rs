@@ -1,10 +1,10 @@
 //! `boxline render`: recordings whose truth is known, or labelled frames for training, from `rust/sim`.
 
 use crate::Finished;
-use crate::args::{HeadName, RenderArgs, RenderKind};
+use crate::args::{HeadName, RenderArgs};
 use crate::input::Usage;
 use anyhow::Context;
-use boxline_sim::recording::{Hold, Kind, Recipe, write_recording};
+use boxline_sim::recording::{Hold, Recipe, write_recording};
 use boxline_sim::stream::{sample, write_stream};
 use boxline_sim::{Split, Stock};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -47,13 +47,7 @@ fn recordings(args: &RenderArgs, out: &Path, stock: &Stock) -> anyhow::Result<Fi
         return Err(Usage(format!("{}: is there already; nothing is overwritten", taken.display())).into());
     }
     std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
-    let kind = match args.kind {
-        RenderKind::Box => Kind::Box,
-        RenderKind::Twins => Kind::Twins,
-        RenderKind::Face => Kind::Faces(args.frames),
-        RenderKind::Refuse => Kind::Refuse(args.frames),
-        RenderKind::Occluded => Kind::Occluded(args.frames),
-    };
+    let kind = args.kind.of(args.frames);
     // Drawn on standard error, and only on a terminal.
     let progress = ProgressBar::new(count).with_style(ProgressStyle::with_template("{bar:30} {pos}/{len}")?);
     for (seed, folder) in &folders {

@@ -13,6 +13,7 @@ pub fn of_box(report: &BoxReport, names: [&str; 2], hints: &[Option<Hint>; 2]) -
         Outcome::Measured(measurement) => {
             push(&mut text, &sides(measurement));
             push(&mut text, "(± is one standard deviation, [ ] hold the truth 95 times in 100)");
+            push_confidence(&mut text, report.confidence);
             if let Some(seen) = &report.settled {
                 push(&mut text, &settled(seen));
             }
@@ -47,6 +48,7 @@ pub fn of_face(face: &FaceOutcome, name: &str, hint: Option<&Hint>) -> String {
             push(&mut text, &line("length", m.length));
             push(&mut text, &line("width", m.width));
             push(&mut text, "(± is one standard deviation, [ ] hold the truth 95 times in 100)");
+            push_confidence(&mut text, m.confidence);
             push(&mut text, &format!("\nframe {name}: residuals {:.2} px rms", m.rms_px));
             beside(&mut text, m);
         }
@@ -54,6 +56,16 @@ pub fn of_face(face: &FaceOutcome, name: &str, hint: Option<&Hint>) -> String {
     }
     push_hint(&mut text, hint);
     text
+}
+
+/// How probable it is that the sides lie on the right lines, if a network was asked.
+fn push_confidence(text: &mut String, confidence: Option<f64>) {
+    match confidence {
+        // Nothing is certain.
+        Some(confidence) if confidence > 0.99 => push(text, "right with a probability above 0.99"),
+        Some(confidence) => push(text, &format!("right with a probability of {confidence:.2}")),
+        None => {}
+    }
 }
 
 /// How to move, if moving helps.

@@ -46,7 +46,8 @@ const FAILS_THOUGH_RIGHT: f64 = 0.25;
 /// Two measurements of a frame found the same edges if their corners are nearer than this, px: edges scatter by 1 to 2 px.
 const SAME_PX: f64 = 3.0;
 
-/// Joins measurements that found the same edges, and lets those that failed count less; the likeliest first.
+/// Joins measurements that found the same edges, and lets those that failed count less; the likeliest first. Each face is told its
+/// probability.
 pub(crate) fn weighed(tried: Vec<Alternative>) -> Vec<Alternative> {
     let untried = (1.0 - tried.iter().map(|a| a.probability).sum::<f64>()).max(0.0);
     let mut kept: Vec<Alternative> = Vec::with_capacity(tried.len());
@@ -63,6 +64,9 @@ pub(crate) fn weighed(tried: Vec<Alternative>) -> Vec<Alternative> {
     let total = untried + kept.iter().map(|a| a.probability).sum::<f64>();
     for alternative in &mut kept {
         alternative.probability /= total.max(f64::MIN_POSITIVE);
+        if let Ok(face) = &mut alternative.face {
+            face.confidence = Some(alternative.probability);
+        }
     }
     kept.sort_by(|a, b| b.probability.total_cmp(&a.probability));
     kept
@@ -77,10 +81,19 @@ pub(crate) struct Pair<'a, T> {
     pub faces: [&'a FaceMeasurement; 2],
     /// What they make together.
     pub agreed: T,
+    /// That both are right.
+    pub probability: f64,
+}
+
+impl<T> Pair<'_, T> {
+    /// Whether it is likely enough to be the result.
+    pub fn is_sure(&self) -> bool {
+        self.probability >= SURE_PAIR
+    }
 }
 
 /// Two faces of one box share a side: that tells which of the faces that each frame may show are right. `agree` puts two together, if
-/// they do share one. `None` if no pair is likely enough.
+/// they do share one. `None` if no pair does.
 pub(crate) fn likeliest_pair<'a, T>(
     seen: [&'a Seen; 2],
     mut agree: impl FnMut([&'a FaceMeasurement; 2]) -> Option<T>,
@@ -93,15 +106,15 @@ pub(crate) fn likeliest_pair<'a, T>(
                 continue;
             };
             agreeing += p * q;
-            if best.as_ref().is_none_or(|(most, _)| p * q > *most) {
-                best = Some((p * q, Pair { faces: [a, b], agreed }));
+            if best.as_ref().is_none_or(|best: &Pair<'_, T>| p * q > best.probability) {
+                best = Some(Pair { faces: [a, b], agreed, probability: p * q });
             }
         }
     }
     // What could not be measured or was not tried may share a side as well.
     let unknown = (1.0 - agreeing - disagreeing).max(0.0);
     let all = agreeing + DISAGREE_THOUGH_RIGHT * disagreeing + unknown;
-    best.filter(|(most, _)| *most >= SURE_PAIR * all).map(|(_, pair)| pair)
+    best.map(|pair| Pair { probability: pair.probability / all.max(f64::MIN_POSITIVE), ..pair })
 }
 
 #[cfg(test)]
@@ -131,6 +144,8 @@ mod tests {
         ]);
         let told: Vec<f64> = kept.iter().map(|a| a.probability).collect();
         assert_eq!(told.len(), 3);
+        let of_faces: Vec<_> = kept.iter().filter_map(|a| a.face.as_ref().ok()?.confidence).collect();
+        assert_eq!(of_faces, [told[0], told[2]], "the one in the middle failed");
         for (told, want) in told.iter().zip([0.5 / 0.7, 0.1 / 0.7, 0.1 / 0.7]) {
             assert!((told - want).abs() < 1e-9, "{told}, {want} is right");
         }
@@ -143,9 +158,13 @@ mod tests {
         let sure = Seen { alternatives: vec![tried(0.95, 300.0, 200.0)], unsure: None };
         let pair = likeliest_pair([&doubtful, &sure], share_a_side).expect("one pair shares 200 mm");
         assert_eq!(pair.faces[0].width.value_mm, 200.0);
+        // 0.38 agree, 0.57 disagree, 0.05 are unknown.
+        let probability = 0.38 / (0.38 + 0.05 * 0.57 + 0.05);
+        assert!(pair.is_sure() && (pair.probability - probability).abs() < 1e-9, "{}", pair.probability);
         // Where both lines leave the shared side as it is, it tells nothing.
         let other = Seen { alternatives: vec![tried(0.95, 400.0, 300.0)], unsure: None };
-        assert!(likeliest_pair([&doubtful, &other], share_a_side).is_none());
+        let pair = likeliest_pair([&doubtful, &other], share_a_side).expect("both lines share 400 mm");
+        assert!(!pair.is_sure() && (pair.probability - 0.57).abs() < 1e-9, "{}", pair.probability);
     }
 
     #[test]
@@ -153,6 +172,6 @@ mod tests {
         let likely =
             Seen { alternatives: vec![tried(0.98, 400.0, 230.0), tried(0.02, 400.0, 200.0)], unsure: None };
         let sure = Seen { alternatives: vec![tried(1.0, 300.0, 200.0)], unsure: None };
-        assert!(likeliest_pair([&likely, &sure], share_a_side).is_none());
+        assert!(likeliest_pair([&likely, &sure], share_a_side).is_some_and(|pair| !pair.is_sure()));
     }
 }

@@ -41,8 +41,8 @@ pub use error::{Error, ErrorKind};
 pub use feasibility::Hint;
 pub use image::Frame;
 pub use measurement::{
-    BoxMeasurement, BoxReport, DepthSeen, EdgeMethod, FaceMeasurement, FaceOutcome, Method, Outcome,
-    Settings, StageTimes, SurfacePoint, Workers,
+    BoxMeasurement, BoxReport, Candidate, DepthSeen, EdgeMethod, FaceMeasurement, FaceOutcome, Method,
+    Outcome, Settings, StageTimes, SurfacePoint, Workers,
 };
 pub use network::{Channel, FaceMaps, Network};
 pub use pipeline::{measure_box, measure_box_with_hints, measure_face, measure_face_with_hint};

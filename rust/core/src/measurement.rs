@@ -144,6 +144,8 @@ pub struct FaceMeasurement {
     pub warnings: Vec<Warning>,
     /// How far the surface lies from the fitted plane, along each stripe: a curvature map. Empty where it is not known.
     pub surface: Vec<SurfacePoint>,
+    /// Probability that its sides lie on the right lines, as this frame alone tells; `None` without a network.
+    pub confidence: Option<f64>,
 }
 
 /// A piece of a stripe on a face against the fitted plane.
@@ -199,6 +201,20 @@ pub struct BoxReport {
     pub warnings: Vec<Warning>,
     /// What told an A x A x B box from A x B x B, if that was needed and seen.
     pub settled: Option<DepthSeen>,
+    /// Probability that a measured or ambiguous box is right: that both faces' sides lie on the right lines. `None` without a
+    /// network.
+    pub confidence: Option<f64>,
+    /// Of a refused box the likeliest, if the faces that the frames may show make one. It is not likely enough to be a result.
+    pub likeliest: Option<Candidate>,
+}
+
+/// A box that may be the right one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Candidate {
+    /// Its sides.
+    pub sides: BoxMeasurement,
+    /// Probability that it is the right one.
+    pub confidence: f64,
 }
 
 /// How far the box was seen to reach behind both faces: what settled an A x A x B box.
@@ -234,6 +250,7 @@ impl FaceMeasurement {
             corner_angles: None,
             warnings: Vec::new(),
             surface: Vec::new(),
+            confidence: None,
         }
     }
 }

@@ -1,6 +1,6 @@
 //! The one place that knows all stages and runs them in order.
 
-use crate::alternatives::{Alternative, SURE_FACE, Seen, likeliest_pair, weighed};
+use crate::alternatives::{Alternative, Pair, SURE_FACE, Seen, likeliest_pair, weighed};
 use crate::box_depth;
 use crate::calibration::Calibration;
 use crate::cuboid;
@@ -17,7 +17,7 @@ use crate::image::Frame;
 use crate::image::bands::band_maps;
 use crate::image::redness::{Diagonal, RidgeMap, faint_ridge_map, half_redness};
 use crate::measurement::{
-    BoxReport, DepthSeen, EdgeMethod, FaceMeasurement, FaceOutcome, Outcome, Settings, StageTimes,
+    BoxReport, Candidate, DepthSeen, EdgeMethod, FaceMeasurement, FaceOutcome, Outcome, Settings, StageTimes,
 };
 use crate::network::{Asked, FaceMaps, Network};
 use crate::rectangle::hypothesize::{Which, cut_by_border, hypothesize, limits, snap_to_image};
@@ -141,7 +141,7 @@ fn see_face(
     let seen = seen.map(|mut seen| {
         for alternative in &mut seen.alternatives {
             if let Ok(face) = &alternative.face
-                && let Some(reject) = too_far(calibration, face)
+                && let Some(reject) = feasibility::too_far(calibration, face.corners)
             {
                 alternative.face = Err(reject);
             }
@@ -153,12 +153,6 @@ fn see_face(
         Err(reject) => Hint::new(calibration, clock.seen.as_ref(), &reject),
     };
     Ok((seen, hint))
-}
-
-/// The refusal of a measured face that is too far away.
-fn too_far(calibration: &Calibration, face: &FaceMeasurement) -> Option<Reject> {
-    let pose = FacePose::from_corners(face.corners.map(|corner| corner.mm))?;
-    feasibility::too_far(calibration, &pose)
 }
 
 fn unwanted(settings: &Settings) -> bool {
@@ -479,17 +473,26 @@ pub fn measure_box_with_hints(
     };
     let hints = [hint_a, hint_b];
     let frames = [first, second];
-    if let (Ok(a), Ok(b)) = (&a, &b)
-        && asked_network(settings).is_some()
-        && let Some(pair) = likeliest_pair([a, b], |faces| {
+    let pair = match (&a, &b) {
+        (Ok(a), Ok(b)) if asked_network(settings).is_some() => likeliest_pair([a, b], |faces| {
             let assembled = assemble(frames, faces, calibration, settings);
             (!matches!(assembled.0, Outcome::Rejected(_))).then_some(assembled)
-        })
-    {
-        let (outcome, warnings, settled) = pair.agreed;
-        let faces = pair.faces.map(|face| FaceOutcome::Measured(Box::new(face.clone())));
-        return Ok((BoxReport { outcome, faces, warnings, settled }, [None, None]));
-    }
+        }),
+        _ => None,
+    };
+    let likeliest = match pair {
+        Some(pair) if pair.is_sure() => {
+            let confidence = Some(pair.probability);
+            let (outcome, warnings, settled) = pair.agreed;
+            let faces = pair.faces.map(|face| FaceOutcome::Measured(Box::new(face.clone())));
+            let report = BoxReport { outcome, faces, warnings, settled, confidence, likeliest: None };
+            return Ok((report, [None, None]));
+        }
+        Some(Pair { agreed: (Outcome::Measured(sides), ..), probability, .. }) => {
+            Some(Candidate { sides, confidence: probability })
+        }
+        _ => None,
+    };
     let (a, b) = (outcome_of(&a), outcome_of(&b));
     let (outcome, warnings, settled) = match (&a, &b) {
         (FaceOutcome::Measured(a), FaceOutcome::Measured(b)) => {
@@ -499,13 +502,13 @@ pub fn measure_box_with_hints(
             (Outcome::Rejected(r.clone()), Vec::new(), None)
         }
     };
+    let report = BoxReport { outcome, faces: [a, b], warnings, settled, confidence: None, likeliest };
     if asked_network(settings).is_some()
-        || !matches!(outcome, Outcome::Rejected(Reject::SidesDisagree { .. }))
+        || !matches!(report.outcome, Outcome::Rejected(Reject::SidesDisagree { .. }))
     {
-        return Ok((BoxReport { outcome, faces: [a, b], warnings, settled }, hints));
+        return Ok((report, hints));
     }
-    let agreed = with_alternatives(frames, calibration, settings, times);
-    Ok((agreed.unwrap_or(BoxReport { outcome, faces: [a, b], warnings, settled }), hints))
+    Ok((with_alternatives(frames, calibration, settings, times).unwrap_or(report), hints))
 }
 
 /// Puts two faces together; where that leaves two boxes, the frames are asked how deep the box is behind the faces.
@@ -557,7 +560,14 @@ fn with_alternatives(
                 return None;
             }
             let measured = |face: &FaceMeasurement| FaceOutcome::Measured(Box::new(face.clone()));
-            found.get_or_insert(BoxReport { outcome, faces: [measured(a), measured(b)], warnings, settled });
+            found.get_or_insert(BoxReport {
+                outcome,
+                faces: [measured(a), measured(b)],
+                warnings,
+                settled,
+                confidence: None,
+                likeliest: None,
+            });
         }
     }
     found

@@ -76,6 +76,7 @@ mod tests {
             corner_angles: None,
             warnings: Vec::new(),
             surface: Vec::new(),
+            confidence: None,
         }))
     }
 

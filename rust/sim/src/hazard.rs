@@ -121,6 +121,18 @@ impl fmt::Display for Hazard {
     }
 }
 
+impl fmt::Display for Hazards {
+    /// As [`Hazards::parse`] reads it.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let on: Vec<&str> = Hazard::ALL.into_iter().filter(|h| self.has(*h)).map(Hazard::word).collect();
+        match on.len() {
+            0 => f.write_str("none"),
+            n if n == Hazard::ALL.len() => f.write_str("all"),
+            _ => f.write_str(&on.join(",")),
+        }
+    }
+}
+
 /// Which hazards may be drawn; all of them by default.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Hazards {
@@ -198,6 +210,9 @@ mod tests {
         let two = Hazards::parse("film, strap").unwrap();
         assert!(two.has(Hazard::Film) && two.has(Hazard::Strap) && !two.has(Hazard::OneColour));
         assert_eq!(Hazards::parse("all"), Ok(Hazards::default()));
+        for hazards in [Hazards::default(), Hazards::none(), two] {
+            assert_eq!(Hazards::parse(&hazards.to_string()), Ok(hazards));
+        }
         assert!(Hazards::parse("film,fog").unwrap_err().starts_with("\"fog\" is no hazard"));
     }
 

@@ -92,8 +92,23 @@ pub fn jpeg(rgb: &[u8], seed: u64) -> Result<Vec<u8>, Error> {
 /// # Errors
 /// A file cannot be written.
 pub fn write_recording(folder: &Path, recipe: &Recipe, stock: &Stock) -> Result<(), Error> {
-    let Recipe { seed, kind, off, nominal_head } = *recipe;
     std::fs::create_dir_all(folder).map_err(|e| Error::file(folder, e))?;
+    render_recording(recipe, stock, |name, bytes| {
+        let path = folder.join(name);
+        std::fs::write(&path, bytes).map_err(|e| Error::file(&path, e))
+    })
+}
+
+/// Renders a recording and hands over its files one by one, by name, as [`write_recording`] writes them.
+///
+/// # Errors
+/// Whatever `put` says, or the head refuses.
+pub fn render_recording(
+    recipe: &Recipe,
+    stock: &Stock,
+    mut put: impl FnMut(&str, Vec<u8>) -> Result<(), Error>,
+) -> Result<(), Error> {
+    let Recipe { seed, kind, off, nominal_head } = *recipe;
     let head = if nominal_head { Head::nominal()? } else { Head::random(&mut Rng::new(seed, 1))? };
     let mut rng = Rng::new(seed, 2);
     let mut scenes = Vec::new();
@@ -141,7 +156,7 @@ pub fn write_recording(folder: &Path, recipe: &Recipe, stock: &Stock) -> Result<
         shots.extend(motion.map(|m| (format!("{id}_off"), "off", m.moved(view))));
         for (name, laser, view) in shots {
             let rgb = full_frame(&head, scene, &view, laser == "on", frame_seed, stock);
-            write(&folder.join(format!("{name}.jpg")), &jpeg(&rgb, frame_seed)?)?;
+            put(&format!("{name}.jpg"), jpeg(&rgb, frame_seed)?)?;
             frames.push(json!({"id": name, "file": format!("{name}.jpg"), "role": "face", "laser": laser}));
         }
         truths.push(Shot { scene, view, id, off: motion });
@@ -152,17 +167,11 @@ pub fn write_recording(folder: &Path, recipe: &Recipe, stock: &Stock) -> Result<
         "calibration": "calibration.json",
         "frames": frames,
     });
-    write_json(&folder.join("recording.json"), &recording)?;
-    write_json(&folder.join("calibration.json"), &head.calibration_json())?;
+    let mut put_json = |name: &str, value: &Value| {
+        put(name, serde_json::to_vec_pretty(value).map_err(|e| Error::new(name, e))?)
+    };
+    put_json("recording.json", &recording)?;
+    put_json("calibration.json", &head.calibration_json())?;
     let whole_box = matches!(kind, Kind::Box | Kind::Twins);
-    write_json(&folder.join("truth.json"), &truth(&head, &truths, whole_box, stock))
-}
-
-fn write_json(path: &Path, value: &Value) -> Result<(), Error> {
-    let text = serde_json::to_string_pretty(value).map_err(|e| Error::file(path, e))?;
-    write(path, text.as_bytes())
-}
-
-fn write(path: &Path, bytes: &[u8]) -> Result<(), Error> {
-    std::fs::write(path, bytes).map_err(|e| Error::file(path, e))
+    put_json("truth.json", &truth(&head, &truths, whole_box, stock))
 }

@@ -1,207 +1,111 @@
 //! `boxline evaluate`: measures recordings whose truth is known and says how far off the results are.
+//!
+//! A few folders are told one by one ([`folders`]). Many, or rendered boxes, are scored: one row a side goes into a file ([`rows`]), from
+//! which the numbers ([`summary`]), the page ([`page`]) and its pictures ([`figures`]) are made. The network's maps and the paper's
+//! experiments are scored by themselves.
 
+mod cause;
 #[cfg(feature = "render")]
 mod experiments;
+mod figures;
+mod folders;
+mod in_order;
 #[cfg(feature = "render")]
 mod maps;
+mod page;
+mod recorded;
+mod rows;
 mod score;
+mod scored;
 #[cfg(feature = "render")]
 mod shots;
 #[cfg(feature = "render")]
 mod simulated;
+mod statistics;
+mod summary;
 mod tables;
 
 use crate::Finished;
 use crate::args::EvaluateArgs;
-use crate::input::{Usage, lit_faces, pair, read_frame};
-use boxline::{
-    Calibration, Error, ErrorKind, Frame, Method, Network, Settings, StageTimes, measure_box, measure_face,
-};
-use boxline_proto::json::{
-    RecordedFrame, Recording, Truth, TruthFace, read_calibration, read_recording, read_truth,
-};
+use crate::input::Usage;
 use indicatif::{ProgressBar, ProgressStyle};
-use score::{BoxScore, FaceScore, RecordingScore};
-use std::path::{Path, PathBuf};
-use std::time::Instant;
+#[cfg(feature = "render")]
+use recorded::{Recorded, recordings_in};
+use serde_json::{Value, json};
+use std::path::Path;
 pub use tables::table;
 
 /// Runs `boxline evaluate`.
 pub fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Finished> {
-    if args.experiments || args.simulate.is_some() || args.edges == Some(None) {
+    let scored = args.simulate.is_some() || !args.csv.is_empty() || args.report.is_some();
+    if args.experiments || args.edges == Some(None) {
         return rendered(args);
     }
-    let edges = args.edges.flatten().unwrap_or_default();
-    if args.folders.is_empty() {
-        return Err(
-            Usage("a folder with recording.json and truth.json is needed, or --edges alone".into()).into()
-        );
-    }
-    let mut recordings = Vec::new();
-    for folder in &args.folders {
-        recordings.extend(recordings_in(folder)?);
-    }
-    let override_calibration = args.calibration.as_deref().map(read_calibration).transpose()?;
-    let methods = args.method.methods();
-    let network = args.network.load(edges)?;
-    let network = network.as_ref().map(|n| n as &dyn Network);
-
-    // Drawn on standard error, and only on a terminal.
-    let progress = ProgressBar::new((recordings.len() * methods.len()) as u64)
-        .with_style(ProgressStyle::with_template("{bar:30} {pos}/{len} {msg}")?);
-    let mut scores = Vec::new();
-    for (recording, truth) in &recordings {
-        let calibration = match &override_calibration {
-            Some(calibration) => calibration.clone(),
-            None => read_calibration(&recording.calibration_file)?,
-        };
-        let recorded = Recorded::read(recording, truth)?;
-        for &method in methods {
-            progress.set_message(recorded.name.clone());
-            let settings = Settings { method, edges: edges.into(), network, ..Settings::default() };
-            scores.push(recorded.judge(&calibration, &settings, method)?);
-            progress.inc(1);
+    if args.folders.is_empty() && args.simulate.is_none() {
+        if args.report.is_some() && !args.csv.is_empty() {
+            return scored::report_files(args);
         }
+        let text = "a folder with recording.json and truth.json, --simulate, --edges alone, or --report with --csv is needed";
+        return Err(Usage(text.into()).into());
     }
-    progress.finish_and_clear();
-
-    let stdout = if args.json { tables::json(&scores).to_string() } else { tables::text(&scores, methods) };
-    Ok(Finished { stdout, exit_code: 0 })
+    if scored || args.overlays.is_some() { scored::evaluate(args) } else { folders::evaluate(args) }
 }
 
-/// What needs the renderer.
+/// What only renders.
 #[cfg(feature = "render")]
 fn rendered(args: &EvaluateArgs) -> anyhow::Result<Finished> {
-    match (&args.out, args.simulate) {
-        (Some(page), _) if args.experiments => experiments::evaluate(args, page),
-        (_, Some(boxes)) => simulated::evaluate(args, boxes),
+    match &args.out {
+        Some(page) if args.experiments => experiments::evaluate(args, page),
         _ => maps::evaluate(args),
     }
 }
 
 #[cfg(not(feature = "render"))]
 fn rendered(_: &EvaluateArgs) -> anyhow::Result<Finished> {
+    Err(no_renderer())
+}
+
+/// What `--simulate` and the like say without the renderer.
+#[cfg(not(feature = "render"))]
+fn no_renderer() -> anyhow::Error {
     let text = "--edges without a name, --simulate and --experiments need rendered frames, which this program was built without";
-    Err(Usage(text.into()).into())
+    Usage(text.into()).into()
 }
 
-/// The recording in a folder, or those in the folders inside it.
-fn recordings_in(folder: &Path) -> anyhow::Result<Vec<(Recording, Truth)>> {
-    if folder.join("recording.json").is_file() {
-        return match read_truth(folder)? {
-            Some(truth) => Ok(vec![(read_recording(folder)?, truth)]),
-            None => Err(Error::new(
-                ErrorKind::Io,
-                format!(
-                    "{}: no such file; there is nothing to compare with",
-                    folder.join("truth.json").display()
-                ),
-            )
-            .into()),
-        };
-    }
-    let failed = |e: std::io::Error| {
-        Error::new(ErrorKind::Io, format!("{}: cannot read: {e}", folder.display())).with_source(e)
-    };
-    let mut inside = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(failed)? {
-        let path: PathBuf = entry.map_err(failed)?.path();
-        if path.join("recording.json").is_file() && path.join("truth.json").is_file() {
-            inside.push(path);
-        }
-    }
-    inside.sort();
-    let mut found = Vec::new();
-    for path in inside {
-        let recording = read_recording(&path)?;
-        // A calibration set has truth too, but no faces of boxes.
-        if !lit_faces(&recording).is_empty()
-            && let Some(truth) = read_truth(&path)?
-        {
-            found.push((recording, truth));
-        }
-    }
-    if found.is_empty() {
-        let text = format!("{}: no recording with recording.json and truth.json in it", folder.display());
-        return Err(Usage(text).into());
-    }
-    Ok(found)
+/// Drawn on standard error, and only on a terminal.
+fn progress_bar(steps: usize) -> anyhow::Result<ProgressBar> {
+    let style = ProgressStyle::with_template("{bar:30} {pos}/{len} {elapsed} of {duration} {msg}")?;
+    Ok(ProgressBar::new(steps as u64).with_style(style))
 }
 
-/// The decoded frames of a recording, each with its truth.
-struct Recorded<'a> {
+/// A recording that cannot be measured because its files are broken.
+struct Broken {
     name: String,
-    truth: &'a Truth,
-    /// Judged as one box; otherwise every frame by itself.
-    true_box_mm: Option<[f64; 3]>,
-    frames: Vec<(&'a RecordedFrame, &'a TruthFace, Frame)>,
-    decode_nanos: u64,
+    error: anyhow::Error,
 }
 
-impl<'a> Recorded<'a> {
-    fn read(recording: &'a Recording, truth: &'a Truth) -> Result<Self, Error> {
-        let true_box_mm = if truth.must_refuse { None } else { truth.box_mm };
-        let used = if true_box_mm.is_some() { pair(recording)?.to_vec() } else { lit_faces(recording) };
-        let mut frames = Vec::new();
-        let mut decode_nanos = 0;
-        for frame in used {
-            let true_face = truth.faces.iter().find(|face| face.frame == frame.id).ok_or_else(|| {
-                let file = recording.folder.join("truth.json");
-                Error::new(
-                    ErrorKind::InvalidFile,
-                    format!("{}: faces: none for frame {:?} of the recording", file.display(), frame.id),
-                )
-            })?;
-            let start = Instant::now();
-            frames.push((frame, true_face, read_frame(&frame.file)?));
-            decode_nanos += u64::try_from(start.elapsed().as_nanos()).unwrap_or(u64::MAX);
-        }
-        let folder = recording.folder.as_path();
-        let name = folder.file_name().unwrap_or(folder.as_os_str()).to_string_lossy().into_owned();
-        Ok(Self { name, truth, true_box_mm, frames, decode_nanos })
-    }
-
-    fn judge(
-        &self,
-        calibration: &Calibration,
-        settings: &Settings,
-        method: Method,
-    ) -> Result<RecordingScore, Error> {
-        let mut times = StageTimes::new();
-        let mut cuboid = None;
-        let mut faces = Vec::new();
-        if let (Some(truth_mm), [a, b]) = (self.true_box_mm, &self.frames[..]) {
-            let report = measure_box(&a.2, &b.2, calibration, settings, &mut times)
-                .map_err(|e| e.in_context(&self.name))?;
-            for (face, (_, true_face, _)) in report.faces.into_iter().zip([a, b]) {
-                faces.push(FaceScore::new(true_face, false, face));
-            }
-            let two_are_right = same_sides(a.1, b.1);
-            cuboid = Some(BoxScore { truth_mm, outcome: report.outcome, two_are_right });
-        } else {
-            for (recorded, true_face, frame) in &self.frames {
-                let face = measure_face(frame, calibration, settings, &mut times)
-                    .map_err(|e| e.in_context(recorded.file.display()))?;
-                faces.push(FaceScore::new(true_face, self.truth.must_refuse, face));
-            }
-        }
-        Ok(RecordingScore { name: self.name.clone(), method, cuboid, faces, stages: self.stages(&times) })
-    }
-
-    /// The time of each stage over all frames, decoding first.
-    fn stages(&self, times: &StageTimes) -> Vec<(String, u64)> {
-        let mut stages = vec![("decode".to_owned(), self.decode_nanos)];
-        for &(stage, nanos) in times {
-            match stages.iter_mut().find(|(name, _)| name == stage) {
-                Some((_, sum)) => *sum += nanos,
-                None => stages.push((stage.to_owned(), nanos)),
-            }
-        }
-        stages
+impl From<(String, boxline::Error)> for Broken {
+    fn from((name, error): (String, boxline::Error)) -> Self {
+        Self { name, error: error.into() }
     }
 }
 
-/// Do two faces have the same two lengths, within what no measurement could tell apart from one box side?
-fn same_sides(a: &TruthFace, b: &TruthFace) -> bool {
-    a.size_mm.zip(b.size_mm).is_some_and(|(a, b)| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 0.01 * a))
+impl Broken {
+    fn of_folder(folder: &Path, error: anyhow::Error) -> Self {
+        Self { name: recorded::long_name(folder), error }
+    }
+
+    /// The result with what was broken at its end: as text or, if there is one, as an object. Exit code 2 if anything was.
+    fn finish(broken: &[Self], mut stdout: String, mut object: Value) -> Finished {
+        for Self { name, error } in broken {
+            eprintln!("error: {name}: {error:#}");
+            stdout.push_str(&format!("!!! {name}: not evaluated: {error:#}\n"));
+        }
+        if !object.is_null() {
+            let entry = |b: &Self| json!({"recording": b.name, "error": format!("{:#}", b.error)});
+            object["broken"] = json!(broken.iter().map(entry).collect::<Vec<_>>());
+            stdout = object.to_string();
+        }
+        Finished { stdout, exit_code: if broken.is_empty() { 0 } else { crate::BROKEN_INPUT } }
+    }
 }

@@ -1,10 +1,23 @@
 //! What a result is worth beside the truth: errors of sides and pixels, and whether a refusal or a measurement was due.
 
-use boxline::{BoxMeasurement, Estimate, FaceMeasurement, FaceOutcome, Method, Outcome, Px};
+use boxline::{
+    BoxMeasurement, Candidate, Estimate, FaceMeasurement, FaceOutcome, Method, Outcome, Px, Warning,
+};
 use boxline_proto::json::TruthFace;
 
 /// The paper's promise: no side is off by more. A measurement beyond it is wrong, not just inexact.
 pub const PROMISE_MM: f64 = 5.0;
+/// A side that is off by more than this and by more than so many of its sigmas is wrong too: who reads it trusts the sigma.
+const UNEXPECTED_MM: f64 = 3.0;
+const UNEXPECTED_SIGMAS: f64 = 4.0;
+
+/// Whether a side is off by more than 5 mm, or by more than 3 mm and 4 of its sigmas.
+pub fn is_wrong_side(found: Estimate, truth_mm: f64) -> bool {
+    let error_mm = (found.value_mm - truth_mm).abs();
+    // So that a number that is none is wrong.
+    let right = error_mm <= PROMISE_MM && error_mm <= UNEXPECTED_MM.max(UNEXPECTED_SIGMAS * found.sigma_mm);
+    !right
+}
 
 /// One recording, judged with one method.
 pub struct RecordingScore {
@@ -23,6 +36,12 @@ pub struct BoxScore {
     pub outcome: Outcome,
     /// Both frames show sides of the same two lengths, so two candidates are the right answer.
     pub two_are_right: bool,
+    /// Its stated probability, as in [`boxline::BoxReport`].
+    pub confidence: Option<f64>,
+    /// The likeliest box of a refused pair.
+    pub likeliest: Option<Candidate>,
+    /// Checks between the two faces that failed.
+    pub warnings: Vec<Warning>,
 }
 
 /// A face beside the true one.
@@ -56,7 +75,7 @@ pub enum Verdict {
     MeasuredInsteadOfRefused,
     /// A refusal where a result was due.
     RefusedInsteadOfMeasured,
-    /// A result that is off by more than the promise.
+    /// A result with a wrong side ([`is_wrong_side`]), and the largest error.
     TooFarOff(f64),
 }
 
@@ -105,9 +124,11 @@ impl BoxScore {
     }
 
     pub fn verdict(&self) -> Verdict {
-        match (&self.outcome, self.errors_mm()) {
+        match (&self.outcome, self.measurement()) {
             (Outcome::Rejected(_), _) => Verdict::RefusedInsteadOfMeasured,
-            (_, Some(errors)) if is_too_far_off(&errors) => Verdict::TooFarOff(worst(&errors)),
+            (_, Some(m)) if any_wrong(&sides_of(&m), &self.truth_mm) => {
+                Verdict::TooFarOff(worst(&errors_of(&m, self.truth_mm)))
+            }
             (Outcome::Ambiguous(_), _) if !self.two_are_right => Verdict::Undecided,
             _ => Verdict::Right,
         }
@@ -157,13 +178,15 @@ impl FaceScore {
     }
 
     pub fn verdict(&self) -> Verdict {
-        match (&self.outcome, &self.refusal_due, self.errors_mm()) {
+        match (&self.outcome, &self.refusal_due, self.sides().zip(self.truth_mm)) {
             (FaceOutcome::Rejected(reject), Some(Some(due)), _) if due != reject.reason() => {
                 Verdict::OtherReason
             }
             (FaceOutcome::Rejected(_), None, _) => Verdict::RefusedInsteadOfMeasured,
             (FaceOutcome::Measured(_), Some(_), _) => Verdict::MeasuredInsteadOfRefused,
-            (_, _, Some(errors)) if is_too_far_off(&errors) => Verdict::TooFarOff(worst(&errors)),
+            (_, _, Some((sides, truth_mm))) if any_wrong(&sides, &truth_mm) => {
+                Verdict::TooFarOff(self.errors_mm().map_or(f64::NAN, |errors| worst(&errors)))
+            }
             _ => Verdict::Right,
         }
     }
@@ -232,9 +255,23 @@ impl Statistics {
         self.errors_mm.iter().filter(|e| e.abs() <= PROMISE_MM).count()
     }
 
-    /// Root mean square of error / sigma: 1 if the standard deviations are honest, more if they are too small.
+    /// Mean of (error / sigma)^2: 1 if the standard deviations are honest, more if they are too small.
+    pub fn mean_z2(&self) -> f64 {
+        mean(self.errors_mm.iter().zip(&self.sigmas_mm).map(|(e, s)| (e / s).powi(2)))
+    }
+
+    /// Root of the same.
     pub fn error_in_sigmas(&self) -> f64 {
-        mean(self.errors_mm.iter().zip(&self.sigmas_mm).map(|(e, s)| (e / s).powi(2))).sqrt()
+        self.mean_z2().sqrt()
+    }
+
+    /// Values whose interval of 95 % holds the truth.
+    pub fn covered(&self) -> usize {
+        let covers = |(error, sigma): (&f64, &f64)| {
+            let [low, high] = Estimate::new(*error, *sigma).interval_95_mm();
+            (low..=high).contains(&0.0)
+        };
+        self.errors_mm.iter().zip(&self.sigmas_mm).filter(|pair| covers(*pair)).count()
     }
 }
 
@@ -257,9 +294,13 @@ fn worst(errors: &[f64]) -> f64 {
     errors.iter().fold(0.0, |most, e| if e.is_nan() || most.is_nan() { f64::NAN } else { e.abs().max(most) })
 }
 
-fn is_too_far_off(errors_mm: &[f64]) -> bool {
-    let worst_mm = worst(errors_mm);
-    worst_mm.is_nan() || worst_mm > PROMISE_MM
+fn any_wrong(sides: &[Estimate], truth_mm: &[f64]) -> bool {
+    sides.iter().zip(truth_mm).any(|(side, truth_mm)| is_wrong_side(*side, *truth_mm))
+}
+
+/// Length, width, height.
+pub fn sides_of(m: &BoxMeasurement) -> [Estimate; 3] {
+    [m.length, m.width, m.height]
 }
 
 fn errors_of(m: &BoxMeasurement, truth_mm: [f64; 3]) -> [f64; 3] {
@@ -325,6 +366,7 @@ mod tests {
             corner_angles: None,
             warnings: Vec::new(),
             surface: Vec::new(),
+            confidence: None,
         }
     }
 
@@ -366,12 +408,27 @@ mod tests {
         };
         assert_eq!(verdict([101.0, 60.0], None, false, measured()), Verdict::Right);
         assert_eq!(verdict([100.0, 66.0], None, false, measured()), Verdict::TooFarOff(6.0));
+        assert_eq!(verdict([97.5, 60.0], None, false, measured()), Verdict::Right);
+        assert_eq!(
+            verdict([96.0, 60.0], None, false, measured()),
+            Verdict::TooFarOff(4.0),
+            "8 sigmas of 0.5 mm"
+        );
         assert_eq!(verdict([100.0, f64::NAN], None, false, measured()).text(), "WRONG: off by NaN mm");
         assert_eq!(verdict([100.0, 60.0], None, true, measured()), Verdict::MeasuredInsteadOfRefused);
         assert_eq!(verdict([100.0, 60.0], Some("no_box"), false, refused()), Verdict::OtherReason);
         assert_eq!(verdict([100.0, 60.0], Some("rectangle_open"), true, refused()), Verdict::Right);
         assert_eq!(verdict([100.0, 60.0], None, true, refused()), Verdict::Right);
         assert_eq!(verdict([100.0, 60.0], None, false, refused()), Verdict::RefusedInsteadOfMeasured);
+    }
+
+    #[test]
+    fn sides_are_wrong_beyond_the_promise_or_beyond_their_sigma() {
+        let wrong =
+            |error_mm: f64, sigma_mm: f64| is_wrong_side(Estimate::new(400.0 + error_mm, sigma_mm), 400.0);
+        assert!(!wrong(2.9, 0.1) && !wrong(-3.1, 0.8) && !wrong(4.9, 1.3) && !wrong(5.0, 2.0));
+        assert!(wrong(3.1, 0.7) && wrong(-4.9, 1.2) && wrong(5.1, 9.0) && wrong(-5.1, 9.0));
+        assert!(wrong(f64::NAN, 1.0) && wrong(f64::INFINITY, 1.0));
     }
 
     #[test]
@@ -385,6 +442,9 @@ mod tests {
             truth_mm: [500.5, 300.0, 300.0],
             outcome: Outcome::Ambiguous(both),
             two_are_right,
+            confidence: None,
+            likeliest: None,
+            warnings: Vec::new(),
         };
         assert_eq!(score(true).errors_mm(), Some([-0.5, 0.0, 0.0]));
         assert_eq!(score(true).verdict(), Verdict::Right);
@@ -401,5 +461,8 @@ mod tests {
         assert_eq!((statistics.mean_mm(), statistics.mean_absolute_mm()), (-1.5, 4.5));
         assert_eq!((statistics.worst_mm(), statistics.error_in_sigmas()), (6.0, 3.0));
         assert!((statistics.rms_mm() - 22.5_f64.sqrt()).abs() < 1e-12);
+        statistics.add(-1.9, 1.0);
+        assert_eq!((statistics.covered(), statistics.count()), (1, 3));
+        assert!((statistics.mean_z2() - (9.0 + 9.0 + 3.61) / 3.0).abs() < 1e-12);
     }
 }

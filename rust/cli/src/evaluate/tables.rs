@@ -31,7 +31,7 @@ pub fn text(scores: &[RecordingScore], methods: &[Method]) -> String {
     let wrong: Vec<String> = scores.iter().flat_map(RecordingScore::wrong).collect();
     if wrong.is_empty() {
         text.push_str(&format!(
-            "Nothing wrong: all within {PROMISE_MM:.0} mm, refused only where it was due, nothing measured that was to be refused.\n"
+            "Nothing wrong: all within {PROMISE_MM:.0} mm, and within 3 mm or 4 σ, refused only where it was due, nothing measured that was to be refused.\n"
         ));
     } else {
         text.push_str(&format!("!!! {} WRONG !!!\n", wrong.len()));

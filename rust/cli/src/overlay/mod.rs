@@ -26,6 +26,7 @@ const GOOD: Color = [125, 255, 150];
 const WARNING: Color = [255, 200, 60];
 const BAD: Color = [255, 120, 100];
 const EDGE_POINT: Color = [64, 140, 255];
+const TRUTH: Color = [255, 80, 40];
 
 /// One frame with what was found in it.
 pub struct View<'a> {
@@ -35,6 +36,8 @@ pub struct View<'a> {
     pub frame: &'a Frame,
     /// What was found.
     pub face: &'a FaceOutcome,
+    /// The true corners, if they are known and to be shown.
+    pub truth: Option<[Px; 4]>,
 }
 
 /// The result above the frames: one line in large type and a few smaller ones.
@@ -84,6 +87,12 @@ impl Headline {
             },
             FaceOutcome::Rejected(reject) => Self::of_reject(reject),
         }
+    }
+
+    /// The same of a result that is wrong, with a line that says so.
+    pub fn wrong(mut self, line: String) -> Self {
+        self.small.push(line);
+        Self { color: BAD, ..self }
     }
 
     fn of_reject(reject: &Reject) -> Self {
@@ -146,6 +155,9 @@ pub fn draw(views: &[View<'_>], headline: &Headline) -> anyhow::Result<RgbImage>
                     panel.draw_reject(&mut canvas, reject);
                 }
             }
+        }
+        if let Some(corners) = view.truth {
+            panel.draw_truth(&mut canvas, corners);
         }
         canvas.text_from(view.name, 36.0, [panel.left + 16.0, panel.top + 30.0], WHITE);
     }
@@ -255,6 +267,16 @@ impl Panel {
         }
         self.draw_length(canvas, face.length, [[corners[0], corners[1]], [corners[3], corners[2]]], middle);
         self.draw_length(canvas, face.width, [[corners[1], corners[2]], [corners[0], corners[3]]], middle);
+    }
+
+    /// The true outline, above all that was found.
+    fn draw_truth(&self, canvas: &mut Canvas, corners: [Px; 4]) {
+        let corners = corners.map(|corner| self.at(corner));
+        for (width, color) in [(5.0, DARK), (2.5, TRUTH)] {
+            for side in 0..4 {
+                canvas.line(corners[side], corners[(side + 1) % 4], width * self.marks, color);
+            }
+        }
     }
 
     /// Writes a length along one of two opposite sides: outside the face, near the middle of the side, and where the
@@ -388,6 +410,7 @@ mod tests {
             corner_angles: None,
             warnings: Vec::new(),
             surface: Vec::new(),
+            confidence: None,
         }
     }
 
@@ -399,7 +422,8 @@ mod tests {
     fn shows_marks_where_the_face_is() {
         let faces = ["a", "b"].map(|id| FaceOutcome::Measured(Box::new(true_face("b02", id))));
         let frames = [frame("b02/a.jpg"), frame("b02/b.jpg")];
-        let views = [0, 1].map(|i| View { name: ["a", "b"][i], frame: &frames[i], face: &faces[i] });
+        let views =
+            [0, 1].map(|i| View { name: ["a", "b"][i], frame: &frames[i], face: &faces[i], truth: None });
         let side = |value| Estimate::new(value, 0.1);
         let measured = BoxMeasurement {
             length: side(550.6),
@@ -432,8 +456,11 @@ mod tests {
             face.surface = vec![point([0.0, 0.0], height_mm), point([200.0, 100.0], 0.0)];
             let face = FaceOutcome::Measured(Box::new(face));
             let without = |picture: &RgbImage| picture.height() - surface::HEIGHT;
-            let picture =
-                draw(&[View { name: "a", frame: &frame, face: &face }], &Headline::of_face(&face)).unwrap();
+            let picture = draw(
+                &[View { name: "a", frame: &frame, face: &face, truth: None }],
+                &Headline::of_face(&face),
+            )
+            .unwrap();
             let map = picture.enumerate_pixels().filter(|(_, y, _)| *y >= without(&picture));
             let strong = |p: &[u8; 3], most: usize| p[most] > 200 && p[2 - most] < 120;
             let found = |most: usize| map.clone().filter(|(_, _, p)| strong(&p.0, most)).count();
@@ -448,7 +475,7 @@ mod tests {
     fn refusals_say_why() {
         let reject = Reject::FaceCutByBorder { sides_cut: 2, at: Px::new(2591.0, 1200.0) };
         let (face, frame) = (FaceOutcome::Rejected(reject), frame("refuse/r2.jpg"));
-        let view = || View { name: "r2", frame: &frame, face: &face };
+        let view = || View { name: "r2", frame: &frame, face: &face, truth: None };
         let headline = Headline::of_face(&face);
         assert!(headline.small[0].contains("border"), "{:?}", headline.small);
         let alone = draw(&[view()], &headline).unwrap();
@@ -459,6 +486,19 @@ mod tests {
     }
 
     #[test]
+    fn a_wrong_result_shows_the_truth() {
+        let (face, frame) = (true_face("b02", "a"), frame("b02/a.jpg"));
+        let truth = Some(face.corners_px.map(|px| Px::new(px.u + 40.0, px.v)));
+        let face = FaceOutcome::Measured(Box::new(face));
+        let red = |truth| {
+            let headline = Headline::of_face(&face).wrong("true: 550.6 mm".into());
+            let picture = draw(&[View { name: "a", frame: &frame, face: &face, truth }], &headline).unwrap();
+            picture.pixels().filter(|pixel| pixel.0 == TRUTH).count()
+        };
+        assert!(red(truth) > 1000 && red(None) == 0);
+    }
+
+    #[test]
     fn strange_numbers_do_not_stop_it() {
         let mut face = true_face("b02", "a");
         face.corners_px[0] = Px::new(f64::NAN, f64::INFINITY);
@@ -466,6 +506,7 @@ mod tests {
         face.stripe_points_px[0].push(Px::new(-5000.0, 9e9));
         face.length = Estimate::new(f64::NAN, f64::INFINITY);
         let (face, frame) = (FaceOutcome::Measured(Box::new(face)), frame("b02/a.jpg"));
-        draw(&[View { name: "a", frame: &frame, face: &face }], &Headline::of_face(&face)).unwrap();
+        draw(&[View { name: "a", frame: &frame, face: &face, truth: None }], &Headline::of_face(&face))
+            .unwrap();
     }
 }

@@ -10,6 +10,7 @@ pub use sigma::SideSigmas;
 
 use crate::calibration::Calibration;
 use crate::face_lines::view::FacePose;
+use crate::frames::{Cam, Point};
 use crate::reject::Reject;
 use crate::units::{LaserId, Px};
 use nalgebra::Vector3;
@@ -24,10 +25,12 @@ pub(crate) const DISTANCES_MM: (f64, f64) = (250.0, 3000.0);
 const FARTHEST_MM: f64 = 2500.0;
 
 /// The refusal of a face that is farther away than the head is made for although from there, along the same line of sight, it could be
-/// measured whole; a face too large for that is none.
-pub(crate) fn too_far(calibration: &Calibration, pose: &FacePose) -> Option<Reject> {
+/// measured whole; a face too large for that is none. The corners go round the face.
+#[must_use]
+pub fn too_far(calibration: &Calibration, corners: [Point<Cam>; 4]) -> Option<Reject> {
+    let pose = FacePose::from_corners(corners.map(|corner| corner.mm))?;
     let distance_mm = pose.middle.norm();
-    let nearer = FacePose { middle: pose.middle * (FARTHEST_MM / distance_mm), ..*pose };
+    let nearer = FacePose { middle: pose.middle * (FARTHEST_MM / distance_mm), ..pose };
     (distance_mm > FARTHEST_MM && obstacles(calibration, &nearer, 0.0).is_empty())
         .then_some(Reject::TooFar { distance_mm, limit_mm: FARTHEST_MM })
 }
@@ -193,7 +196,7 @@ mod tests {
         let calibration = head();
         let too_far_at = |size: [f64; 2], distance_mm: f64| {
             let pose = best_view(&calibration, size, distance_mm).expect("in front");
-            too_far(&calibration, &pose)
+            too_far(&calibration, pose.corners().map(|corner| pose.point(corner)))
         };
         assert_eq!(too_far_at([800.0, 600.0], 2450.0), None);
         let found = too_far_at([800.0, 600.0], 3300.0);

@@ -335,6 +335,7 @@ fn assemble(
         corner_angles,
         warnings,
         surface: surface::surface(calibration, fit, &corners),
+        confidence: None,
     })
 }
 
