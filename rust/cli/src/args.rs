@@ -239,7 +239,7 @@ pub struct RenderArgs {
     /// How many; without it one recording, or frames without end
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..=1_000_000_000))]
     pub count: Option<u64>,
-    /// Two faces of one box, single faces, or frames that must be refused
+    /// Two faces of one box, single faces, frames that must be refused, or faces that something hides in part
     #[arg(long, value_enum, default_value_t = RenderKind::Box)]
     pub kind: RenderKind,
     /// Frames of a recording that is not of a box
@@ -287,6 +287,8 @@ pub enum RenderKind {
     Twins,
     Face,
     Refuse,
+    /// Faces of which something hides a part; they must be refused
+    Occluded,
 }
 
 #[cfg(feature = "render")]

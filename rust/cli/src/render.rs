@@ -52,6 +52,7 @@ fn recordings(args: &RenderArgs, out: &Path, stock: &Stock) -> anyhow::Result<Fi
         RenderKind::Twins => Kind::Twins,
         RenderKind::Face => Kind::Faces(args.frames),
         RenderKind::Refuse => Kind::Refuse(args.frames),
+        RenderKind::Occluded => Kind::Occluded(args.frames),
     };
     // Drawn on standard error, and only on a terminal.
     let progress = ProgressBar::new(count).with_style(ProgressStyle::with_template("{bar:30} {pos}/{len}")?);

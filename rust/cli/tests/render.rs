@@ -64,9 +64,15 @@ fn frames_to_be_refused_say_why() {
     let truth = read_json(&folder.path().join("001/truth.json"));
     assert_eq!(truth["must_refuse"], true);
     assert!(truth["faces"][0]["refuse"].is_string());
+    // The hand has moved before the unlit picture, by a hundredth of a degree at the very least.
+    let motion = &truth["faces"][0]["off"]["cam_from_on"];
+    let turned_mrad = motion["rotation_mrad"].as_array().unwrap().iter().map(|x| x.as_f64().unwrap());
+    assert!(turned_mrad.map(f64::abs).sum::<f64>() > 0.17, "{motion}");
     let frames = read_json(&folder.path().join("001/recording.json"))["frames"].clone();
     assert_eq!(frames[0]["laser"], "on");
     assert_eq!(frames[1]["laser"], "off");
+    let alone = boxline(&["render", "--still", "--out", text(&folder.path().join("still"))]);
+    assert_eq!(alone.status.code(), Some(2), "--still is about the frames of --off");
 }
 
 #[test]

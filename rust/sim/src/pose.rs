@@ -7,6 +7,9 @@ use boxline::Px;
 use boxline::frames::Point;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
+/// A fan's light is whole up to this share of its opening.
+pub(crate) const FULLY_LIT: f64 = 0.97;
+
 /// A rectangle in the camera frame: one sharp face of a box.
 #[derive(Clone, Copy, Debug)]
 pub struct FacePose {
@@ -47,6 +50,8 @@ pub enum Refuse {
     NoBox,
     /// One laser does not shine.
     LaserDead,
+    /// Something hides a corner, a stripe's end or a piece of a side.
+    Hidden,
 }
 
 impl Refuse {
@@ -58,6 +63,7 @@ impl Refuse {
             Self::CutByBorder => "face_cut_by_border",
             Self::NoBox => "no_box",
             Self::LaserDead => "laser_dead",
+            Self::Hidden => "face_hidden",
         }
     }
 }
@@ -117,7 +123,7 @@ impl FacePose {
         let beam = &head.beams[index];
         let in_fan = crossing.at.iter().all(|[right, down]| {
             let to = self.point(*right, *down) - beam.source_mm;
-            to.angle(&beam.forward) < beam.fan_half_rad * 0.97
+            to.angle(&beam.forward) < beam.fan_half_rad * FULLY_LIT
         });
         in_fan.then_some(crossing)
     }
@@ -167,13 +173,18 @@ pub fn inside(px: Px, margin_px: f64) -> bool {
 
 /// A random orientation of a face before the head: rolled by about 45 degrees either way, tilted up to `most_deg`.
 pub fn random_orientation(rng: &mut Rng, upright: bool, most_deg: f64) -> Matrix3<f64> {
+    let tilt_deg = most_deg * rng.unit().powf(0.8);
+    tilted_orientation(rng, upright, tilt_deg)
+}
+
+/// The same, tilted by `tilt_deg` in any direction.
+pub fn tilted_orientation(rng: &mut Rng, upright: bool, tilt_deg: f64) -> Matrix3<f64> {
     // A person holds the head within half a turn of upright; over a lying face every quarter turn is alike.
     let quarter = if upright { usize::from(rng.chance(0.08)) * 2 } else { rng.below(4) };
     let roll = rng.sign() * (45.0 + rng.normal() * 5.0).clamp(30.0, 60.0) + 90.0 * quarter as f64;
-    let tilt = most_deg * rng.unit().powf(0.8);
     let azimuth = rng.range(0.0, std::f64::consts::TAU);
     let axis = Vector3::new(azimuth.cos(), azimuth.sin(), 0.0);
-    let tilted = Rotation3::new(axis * tilt.to_radians());
+    let tilted = Rotation3::new(axis * tilt_deg.to_radians());
     (tilted * Rotation3::from_axis_angle(&Vector3::z_axis(), roll.to_radians())).into_inner()
 }
 

@@ -26,6 +26,8 @@ pub enum Kind {
     Faces(usize),
     /// This many frames that must be refused.
     Refuse(usize),
+    /// This many faces that something hides in part, which must be refused too.
+    Occluded(usize),
 }
 
 /// How the head is held from the lit picture to the unlit one.
@@ -101,6 +103,10 @@ pub fn write_recording(folder: &Path, recipe: &Recipe, stock: &Stock) -> Result<
         Kind::Faces(n) => {
             scenes.extend((0..n).map(|_| compose(&mut rng.child(), &head, Plan::Face, stock)));
         }
+        Kind::Occluded(n) => {
+            let plan = Plan::Refused(Refuse::Hidden);
+            scenes.extend((0..n).map(|_| compose(&mut rng.child(), &head, plan, stock)));
+        }
         Kind::Refuse(n) => {
             const REASONS: [Refuse; 4] =
                 [Refuse::StripeMissing, Refuse::CutByBorder, Refuse::NoBox, Refuse::LaserDead];
@@ -116,6 +122,7 @@ pub fn write_recording(folder: &Path, recipe: &Recipe, stock: &Stock) -> Result<
         Kind::Box | Kind::Twins => "",
         Kind::Faces(_) => "f",
         Kind::Refuse(_) => "r",
+        Kind::Occluded(_) => "o",
     };
     let mut frames: Vec<Value> = Vec::new();
     let mut truths = Vec::new();

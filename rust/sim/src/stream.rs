@@ -13,7 +13,7 @@ use crate::render::{Options, Stage, expose_film};
 use crate::rng::Rng;
 use crate::stock::Stock;
 use crate::truth::face_of;
-use crate::world::{Plan, compose, occlude};
+use crate::world::{Plan, compose};
 use serde_json::json;
 use std::io::Write;
 
@@ -41,7 +41,8 @@ pub fn sample(seed: u64, stock: &Stock) -> Result<Sample, Error> {
     let head = Head::random(&mut Rng::new(seed, 11))?;
     let mut rng = Rng::new(seed, 12);
     let plan = match rng.unit() {
-        x if x < 0.80 => Plan::Face,
+        x if x < 0.72 => Plan::Face,
+        x if x < 0.80 => Plan::Refused(Refuse::Hidden),
         x if x < 0.86 => Plan::Refused(Refuse::StripeMissing),
         x if x < 0.92 => Plan::Refused(Refuse::CutByBorder),
         x if x < 0.96 => Plan::Refused(Refuse::NoBox),
@@ -53,10 +54,6 @@ pub fn sample(seed: u64, stock: &Stock) -> Result<Sample, Error> {
         scene.light.laser_to_ambient *= rng.log_range(0.08, 1.0);
     }
     let view = scene.views[0];
-    let occluded = scene.target.is_some() && rng.chance(0.12);
-    if occluded {
-        occlude(&mut rng, &mut scene, &view, &head);
-    }
     let raster = Raster::covering(SENSOR_PX, FRAME_PX[0], FRAME_PX[1]);
     let options = Options { lasers: true, speckle: true, seed: u64::from(rng.bits()) };
     let stage = Stage::new(&scene, &view, &head, raster, &stock.photos, options);
@@ -70,7 +67,6 @@ pub fn sample(seed: u64, stock: &Stock) -> Result<Sample, Error> {
         "contrast": contrast,
         "measurable": scene.refuse.is_none() && contrast.iter().all(|c| *c > 0.0),
         "refuse": scene.refuse.map(Refuse::word),
-        "occluded": occluded,
         "ambient": scene.light.ambient,
         "hazards": scene.hazards.iter().map(|h| h.word()).collect::<Vec<_>>(),
         "base": scene.words.base,

@@ -144,6 +144,7 @@ mod tests {
             camera_mm: Vector3::new(100.0, -900.0, 700.0),
             face: 3,
             exposure: 0.8,
+            bounce: None,
         };
         let motion = Motion {
             rotation_rad: Vector3::new(0.02, -0.01, 0.03),

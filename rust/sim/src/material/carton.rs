@@ -10,6 +10,7 @@ use crate::hazard::{Hazard, Hazards};
 use crate::rng::Rng;
 use crate::shape::{self, Shape};
 use crate::stock::{Kind, Stock};
+use crate::vec3::V3;
 use nalgebra::Vector3;
 use std::collections::BTreeSet;
 
@@ -61,6 +62,50 @@ pub fn carton(rng: &mut Rng, half: &Vector3<f64>, stock: &Stock) -> Carton {
 /// A carton without hazards and without print along its edges.
 pub fn plain_edged(rng: &mut Rng, half: &Vector3<f64>, stock: &Stock) -> Carton {
     drawn(rng, half, stock, &Hazards::none(), 0.0)
+}
+
+/// Board of one colour, as several boxes of one delivery have it: red, black, white or brown, never printed.
+#[derive(Clone, Copy, Debug)]
+pub struct Plain {
+    kind: &'static str,
+    colour: V3,
+    gloss: f32,
+}
+
+/// The boards of [`CARTONS`] that are red, black, white or brown, or nearly so.
+const PLAIN: [&str; 8] = ["brown", "testliner", "white", "cream", "black", "charcoal", "red", "orange"];
+
+impl Plain {
+    /// One of the stock's, each colour as often.
+    pub fn pick(rng: &mut Rng, stock: &Stock) -> Self {
+        let own: Vec<_> =
+            CARTONS.iter().filter(|k| k.split == stock.split && PLAIN.contains(&k.word)).collect();
+        let kind = own[rng.below(own.len())];
+        let colour = linear(kind.what.rgb) * rng.range_f32(0.85, 1.15);
+        let gloss = if kind.what.plain { rng.range_f32(0.01, 0.05) } else { rng.pick([0.03, 0.06, 0.2]) };
+        Self { kind: kind.word, colour, gloss }
+    }
+
+    /// Its look, bare; boxes of one delivery differ by a per cent.
+    pub fn look(&self, rng: &mut Rng) -> Look {
+        let surface = Surface {
+            kind: self.kind,
+            pattern: Pattern::Board { flute_mm: 0.0 },
+            base: self.colour * rng.range_f32(0.99, 1.01),
+            second: self.colour * 0.9,
+            strength: rng.range_f32(0.3, 0.8),
+            offset: [rng.range_f32(0.0, 500.0), rng.range_f32(0.0, 500.0)],
+        };
+        Look::bare(surface, self.gloss)
+    }
+
+    /// A carton made of it: nothing is printed, glued or wrapped on, its shape stays.
+    pub fn dress(&self, rng: &mut Rng, carton: Carton) -> Carton {
+        let mut hazards = carton.hazards;
+        hazards.retain(|h| matches!(h, Hazard::OpenFlap | Hazard::CrushedCorner | Hazard::WavyEdge));
+        let shape = Shape { radius_mm: 0.0, ..carton.shape };
+        Carton { look: self.look(rng), base: self.kind, shape, hazards, ..carton }
+    }
 }
 
 /// Each hazard is drawn, and draws, from a generator of its own, so that switching it off leaves all else as it was. `printed`
@@ -141,7 +186,7 @@ fn drawn(rng: &mut Rng, half: &Vector3<f64>, stock: &Stock, hazards: &Hazards, p
     }
     let lines = false_lines(&decals, |face| half_of(face, half));
     Carton {
-        look: Look { surface, decals, lines, gloss, wrap },
+        look: Look { decals, lines, wrap, ..Look::bare(surface, gloss) },
         base: kind.word,
         shape,
         flap_axis: frame.flap,

@@ -34,13 +34,15 @@ pub struct Look {
     pub gloss: f32,
     /// Film around it all.
     pub wrap: Option<Wrap>,
+    /// Share of what meets it straight on that it mirrors sharply, as a polished floor does; 0 for all that is rough.
+    pub mirror: f32,
 }
 
 impl Look {
     /// A bare surface.
     #[must_use]
     pub const fn bare(surface: Surface, gloss: f32) -> Self {
-        Self { surface, decals: Vec::new(), lines: Vec::new(), gloss, wrap: None }
+        Self { surface, decals: Vec::new(), lines: Vec::new(), gloss, wrap: None, mirror: 0.0 }
     }
 }
 

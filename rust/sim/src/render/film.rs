@@ -69,7 +69,7 @@ pub fn expose_film(stage: &Stage<'_>) -> Film {
 fn single(stage: &Stage<'_>, grid: &Grid, pixel: (usize, usize), traces: &mut Vec<Trace>) -> Option<Seen> {
     let ray = stage.ray(pixel.0 as f64, pixel.1 as f64);
     let (solid, hit) = stage.cast(ray, pixel.0, pixel.1)?;
-    let colour = stage.shade(grid, solid, &hit, ray, pixel, Some(traces));
+    let colour = stage.shade(Some(grid), solid, &hit, ray, pixel, Some(traces));
     Some(Seen { colour, id: face_id(solid, hit.face), depth: hit.depth })
 }
 
@@ -115,7 +115,7 @@ fn smooth_edges(stage: &Stage<'_>, grid: &Grid, film: &mut Film, samples: &[[f64
                 let colour = match known.iter().find(|k| k.0 == seen && grid.coarse()) {
                     Some((_, colour)) => *colour,
                     None => match hit {
-                        Some((solid, hit)) => stage.shade(grid, solid, &hit, ray, (column, row), None),
+                        Some((solid, hit)) => stage.shade(Some(grid), solid, &hit, ray, (column, row), None),
                         None => stage.nothing(ray),
                     },
                 };

@@ -5,6 +5,8 @@ use crate::rng::Rng;
 use crate::vec3::{V3, v3};
 use std::sync::OnceLock;
 
+/// Beams at most: four, and four mirrored ones.
+pub(super) const BEAMS: usize = 8;
 /// Reach of a sheet in standard deviations.
 const REACH: f32 = 4.0;
 /// What a red laser leaves in the three channels.
@@ -111,20 +113,38 @@ impl Stage<'_> {
             return None;
         }
         // Line lenses are a little weaker to their ends and stop softly.
-        let end = ((fan - beam.fan_cos) * 60.0).min(1.0);
+        let end = ((fan - beam.fan_cos) * beam.fan_rise).min(1.0);
         // The fan spreads with the distance; a focused sheet hardly thickens, what its image shows is mostly the lens.
         let law = 1000.0 * inverse;
         Some((beam.at_1m * cosine * end * (0.6 + 0.4 * fan * fan) * law, beam.sigma_rad / inverse))
     }
 
-    /// Whether laser `k` sees a point of solid `own`.
+    /// Whether laser `k` (0 to 3) sees a point of solid `own`.
     #[must_use]
     pub fn laser_sees(&self, k: usize, own: usize, point: V3) -> bool {
         let source = self.beams[k].source;
         !self.laser_casters[k].iter().any(|&j| j != own && self.solids[j].blocks(point, source - point))
     }
 
-    /// Whether laser `k` may light a flat piece between four points, none of them deeper than `far`.
+    /// Whether the light of beam `k`, one of the four or one of those mirrored in another face, reaches a point of solid `own`.
+    fn beam_reaches(&self, k: usize, own: usize, point: V3) -> bool {
+        let Some(bounce) = self.bounce.filter(|_| k >= 4) else { return self.laser_sees(k, own, point) };
+        let to = self.beams[k].source - point;
+        let above = bounce.normal.dot(point) - bounce.offset;
+        if above <= 0.5 || own == bounce.solid {
+            return false;
+        }
+        // Where the light comes from the face, which must be there and be lit itself.
+        let way = to * (-above / bounce.normal.dot(to));
+        let at = point + way;
+        let mirror = &self.solids[bounce.solid];
+        let over = mirror.local(at).abs() - mirror.half;
+        let on_face = (0..3).all(|axis| axis == bounce.face / 2 || over[axis] <= 0.0);
+        let blocks = |j: &usize| *j != own && *j != bounce.solid && self.solids[*j].blocks(point, way);
+        on_face && !self.laser_casters[k].iter().any(blocks) && self.laser_sees(k - 4, bounce.solid, at)
+    }
+
+    /// Whether beam `k` may light a flat piece between four points, none of them deeper than `far`.
     pub(super) fn laser_near(&self, k: usize, points: &[V3; 4], far: f32) -> bool {
         let beam = &self.beams[k];
         let (low, high) = points.iter().fold((f32::MAX, f32::MIN), |(low, high), p| {
@@ -150,7 +170,7 @@ impl Stage<'_> {
         albedo: V3,
         gloss: f32,
         spot: &Spot,
-        near: [bool; 4],
+        near: [bool; BEAMS],
         pixel: (usize, usize),
         mut keep: Option<&mut Vec<Trace>>,
     ) {
@@ -179,10 +199,11 @@ impl Stage<'_> {
                 let x = off / sigma;
                 if x.abs() > REACH { 0.0 } else { peak * (-0.5 * x * x).exp() }
             };
-            if irradiance <= 1e-6 || !self.laser_sees(k, own, point) {
+            if irradiance <= 1e-6 || !self.beam_reaches(k, own, point) {
                 continue;
             }
-            if let Some(keep) = keep.as_deref_mut() {
+            // A second stripe is nothing that anyone should find.
+            if let Some(keep) = keep.as_deref_mut().filter(|_| k < 4) {
                 keep.push(Trace {
                     pixel: (pixel.1 * self.raster.width + pixel.0) as u32,
                     laser: k as u8,

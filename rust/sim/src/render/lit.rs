@@ -206,6 +206,19 @@ pub fn at(stage: &Stage<'_>, own: usize, ray: V3, depth: f32, normal: V3) -> Lit
     lit
 }
 
+/// Light at a point as if nothing stood in its way: enough for what a floor mirrors.
+#[must_use]
+pub fn unshadowed(stage: &Stage<'_>, point: V3, normal: V3) -> Lit {
+    let mut lit = Lit { open: 0.7, ..Lit::default() };
+    for lamp in &stage.lamps {
+        let to = lamp.at - point;
+        let distance = to.norm();
+        let law = (lamp.reference_mm / distance).powi(2).clamp(0.2, 2.5);
+        lit.lamps += lamp.power * (law * (normal.dot(to) / distance).max(0.0));
+    }
+    lit
+}
+
 /// Share of a lamp that is seen from a point.
 fn seen(stage: &Stage<'_>, own: usize, point: V3, direction: V3, distance: f32, width: f32) -> f32 {
     let mut share = 1.0f32;

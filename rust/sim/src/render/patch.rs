@@ -1,7 +1,7 @@
 //! Most of a frame is squares of eight by eight pixels that show one face in even light, flat or so slightly bent that its
 //! tangent plane in the middle of the square stands for it. What such a square has in common is computed once: its plane, light at its corners, which stamps and lasers come near. The pixels then cost a third.
 
-use super::laser::{Spot, Trace};
+use super::laser::{BEAMS, Spot, Trace};
 use super::lit::{Grid, STEP, face_id};
 use super::prepare::Stage;
 use crate::material::Stamp;
@@ -32,7 +32,7 @@ pub(super) struct Patch<'s> {
     foot: f32,
     stamps: Vec<&'s Stamp>,
     /// Lasers that come near.
-    lasers: [bool; 4],
+    lasers: [bool; BEAMS],
 }
 
 /// What changes along a row of a patch, at its left and right ends.
@@ -113,7 +113,7 @@ impl Stage<'_> {
             shine: light.map(|l| l.shine * self.exposure),
             foot,
             stamps,
-            lasers: [0, 1, 2, 3].map(|k| self.laser_near(k, &points, far)),
+            lasers: std::array::from_fn(|k| k < self.beams.len() && self.laser_near(k, &points, far)),
         })
     }
 
@@ -156,6 +156,9 @@ impl Stage<'_> {
         if patch.lasers.contains(&true) {
             let spot = Spot { own: patch.solid, ray, depth, normal: patch.normal };
             self.add_lasers(&mut colour, coat.laser, coat.gloss, &spot, patch.lasers, pixel, Some(traces));
+        }
+        if self.mirror[patch.solid] > 0.0 {
+            self.mirror_in(&mut colour, self.mirror[patch.solid], ray, patch.normal, pixel, Some(traces));
         }
         Seen { colour, id: face_id(patch.solid, patch.face), depth }
     }

@@ -71,10 +71,38 @@ pub struct CamBeam {
     pub forward: V3,
     /// Cosine of the fan's half opening.
     pub fan_cos: f32,
+    /// By how much the light rises per unit of the cosine from the fan's end inwards: within about 2 degrees to all of it.
+    pub fan_rise: f32,
     /// Sheet thickness, rad.
     pub sigma_rad: f32,
     /// Peak irradiance at 1 m in scene units; 0 if dead.
     pub at_1m: f32,
+}
+
+impl CamBeam {
+    /// The beam as a plane `normal . X = offset` mirrors it.
+    fn mirrored(&self, normal: V3, offset: f32) -> Self {
+        let flip = |v: V3| v - normal * (2.0 * normal.dot(v));
+        let share = self.plane.dot(normal);
+        let plane = flip(self.plane) * (1.0 / (1.0 - 2.0 * offset * share));
+        Self {
+            plane,
+            plane_mm: 1.0 / plane.norm(),
+            source: flip(self.source) + normal * (2.0 * offset),
+            forward: flip(self.forward),
+            ..*self
+        }
+    }
+}
+
+/// A face that sends laser light on.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct BounceFace {
+    pub(super) solid: usize,
+    pub(super) face: usize,
+    /// Outward normal, and its product with the face's points, mm.
+    pub(super) normal: V3,
+    pub(super) offset: f32,
 }
 
 /// Everything that casting a ray needs.
@@ -102,9 +130,14 @@ pub struct Stage<'a> {
     pub(super) sky: V3,
     pub(super) ground: V3,
     pub(super) backdrop: V3,
-    /// The four beams.
-    pub beams: [CamBeam; 4],
-    pub(super) laser_casters: [Vec<usize>; 4],
+    /// The four beams; behind them, if light comes by way of another surface, the same four mirrored in it.
+    pub beams: Vec<CamBeam>,
+    pub(super) laser_casters: Vec<Vec<usize>>,
+    /// The surface in which the last four beams are mirrored.
+    pub(super) bounce: Option<BounceFace>,
+    /// What a polished floor mirrors: the scene as its image is seen.
+    pub(super) image: Option<Box<Stage<'a>>>,
+    pub(super) mirror: Vec<f32>,
     /// Multiplies light to full scale.
     pub exposure: f32,
     /// Sensor noise of the scene.
@@ -130,12 +163,54 @@ impl<'a> Stage<'a> {
         photos: &'a Photos,
         options: Options,
     ) -> Self {
+        let target = scene.target.map_or(Vector3::new(0.0, 0.0, 500.0), |t| scene.bodies[t].centre);
+        let normal = -axes(view.face).column(2);
+        let reference = scene.light.free_irradiance(target + normal * 100.0, normal).max(0.1);
+        let beams = [0, 1, 2, 3].map(|i| {
+            let (b, p) = (&scene.beams[i], head.plane(i));
+            CamBeam {
+                plane: p.into(),
+                plane_mm: 1.0 / p.norm() as f32,
+                source: b.source_mm.into(),
+                forward: b.forward.into(),
+                fan_cos: b.fan_half_rad.cos() as f32,
+                fan_rise: 30.0 / b.fan_half_rad.sin() as f32,
+                sigma_rad: b.sigma_rad as f32,
+                at_1m: if options.lasers {
+                    (b.power * scene.light.laser_to_ambient * reference) as f32
+                } else {
+                    0.0
+                },
+            }
+        });
+        let mut stage = Self::placed(scene, view, head, beams.to_vec(), raster, photos, options);
+        if scene.bodies.iter().any(|b| b.look.mirror > 0.0) {
+            let up: V3 = (view.cam_from_world * Vector3::z()).into();
+            let beams = beams.map(|b| b.mirrored(up, -view.camera_mm.z as f32));
+            let image = Self::placed(scene, &view.in_floor(), head, beams.to_vec(), raster, photos, options);
+            stage.image = Some(Box::new(image));
+        }
+        stage
+    }
+
+    /// The solids before the camera of a view, which may be that of a mirror image: then without what mirrors.
+    fn placed(
+        scene: &Scene,
+        view: &View,
+        head: &Head,
+        mut beams: Vec<CamBeam>,
+        raster: Raster,
+        photos: &'a Photos,
+        options: Options,
+    ) -> Self {
+        let image = view.cam_from_world.determinant() < 0.0;
         let camera = *head.calibration.camera();
         let cell_per_mm = raster.cell_per_mm(&camera) as f32;
         let mut placed: Vec<(usize, Solid)> = scene
             .bodies
             .iter()
             .enumerate()
+            .filter(|(_, b)| !(image && b.look.mirror > 0.0))
             .map(|(i, b)| (i, b.solid(view)))
             .filter(|(_, s)| s.centre.z + s.bound > 0.0)
             .collect();
@@ -175,21 +250,6 @@ impl<'a> Stage<'a> {
                 reference_mm: (l.at_mm - target).norm() as f32,
             })
             .collect();
-        let normal = -axes(view.face).column(2);
-        let reference = scene.light.free_irradiance(target + normal * 100.0, normal).max(0.1);
-        let beams = [0, 1, 2, 3].map(|i| {
-            let (b, p) = (&head.beams[i], head.plane(i));
-            let on = options.lasers && !scene.dead[i];
-            CamBeam {
-                plane: p.into(),
-                plane_mm: 1.0 / p.norm() as f32,
-                source: b.source_mm.into(),
-                forward: b.forward.into(),
-                fan_cos: b.fan_half_rad.cos() as f32,
-                sigma_rad: b.sigma_rad as f32,
-                at_1m: if on { (b.power * scene.light.laser_to_ambient * reference) as f32 } else { 0.0 },
-            }
-        });
         let spheres: Vec<(V3, f32)> = solids.iter().map(|s| (s.centre, s.bound)).collect();
         let casters: Vec<(V3, f32, usize)> = spheres
             .iter()
@@ -197,14 +257,30 @@ impl<'a> Stage<'a> {
             .filter(|(_, s)| s.1 < ROOM_BOUND_MM)
             .map(|(i, s)| (s.0, s.1, i))
             .collect();
-        let laser_casters = [0, 1, 2, 3].map(|i| {
-            let beam = &beams[i];
-            casters
-                .iter()
-                .filter(|(c, r, _)| ((beam.plane.dot(*c) - 1.0) * beam.plane_mm).abs() < *r)
-                .map(|(.., i)| *i)
-                .collect()
+        let bounce = view.bounce.filter(|_| !image && options.lasers).and_then(|b| {
+            let solid = body.iter().position(|i| *i == b.body)?;
+            let normal = solids[solid].cam_dir(crate::solid::face_normal(b.face).into());
+            let offset = normal.dot(solids[solid].centre) + solids[solid].half[b.face / 2];
+            beams.extend_from_within(..);
+            for beam in &mut beams[4..] {
+                *beam = CamBeam {
+                    at_1m: beam.at_1m * b.strength as f32,
+                    sigma_rad: beam.sigma_rad * b.spread as f32,
+                    ..beam.mirrored(normal, offset)
+                };
+            }
+            Some(BounceFace { solid, face: b.face, normal, offset })
         });
+        let laser_casters = beams
+            .iter()
+            .map(|beam| {
+                casters
+                    .iter()
+                    .filter(|(c, r, _)| ((beam.plane.dot(*c) - 1.0) * beam.plane_mm).abs() < *r)
+                    .map(|(.., i)| *i)
+                    .collect()
+            })
+            .collect();
         let up: V3 = (view.cam_from_world * Vector3::z()).into();
         let faces = solids.iter().flat_map(|s| {
             (0..FACES).map(move |f| {
@@ -227,6 +303,7 @@ impl<'a> Stage<'a> {
             surfaces: bodies().map(|b| b.look.surface).collect(),
             gloss: bodies().map(|b| b.look.gloss).collect(),
             wraps: bodies().map(|b| b.look.wrap).collect(),
+            mirror: bodies().map(|b| b.look.mirror).collect(),
             body,
             solids,
             stamps,
@@ -240,6 +317,8 @@ impl<'a> Stage<'a> {
             backdrop: scene.light.backdrop,
             beams,
             laser_casters,
+            bounce,
+            image: None,
             exposure: view.exposure as f32,
             noise: scene.light.noise,
             photos,

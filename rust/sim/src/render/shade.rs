@@ -1,12 +1,19 @@
 //! The colour of a hit: surface, stamps and film, diffuse light, lamps, gloss, lasers.
 
-use super::laser::{Spot, Trace, coated};
+use super::laser::{BEAMS, Spot, Trace, coated};
 use super::lit::{self, Grid, Lit, face_id};
 use super::prepare::Stage;
 use crate::material::Stamp;
 use crate::material::wrap::Glint;
 use crate::solid::{FACES, Hit, face_uv};
 use crate::vec3::V3;
+
+/// What encoding leaves of a pixel's value: two levels of 255.
+const ENCODING_NOISE: f32 = 2.0 / 255.0;
+/// A floor in use is never a better mirror than this.
+const MOST_MIRRORED: f32 = 0.3;
+/// A mirrored stripe that adds less than a level is none.
+const LEAST_TRACE: f32 = 0.004;
 
 /// What a place of a face is like.
 pub(super) struct Coat {
@@ -49,15 +56,15 @@ impl Stage<'_> {
         Coat { albedo, gloss, sheen, laser }
     }
 
-    /// Light from a hit towards the camera, in units of the film (full scale 1).
+    /// Light from a hit towards the camera, in units of the film (full scale 1); without a grid, as a floor mirrors it.
     pub(super) fn shade(
         &self,
-        grid: &Grid,
+        grid: Option<&Grid>,
         solid: usize,
         hit: &Hit,
         ray: V3,
         pixel: (usize, usize),
-        traces: Option<&mut Vec<Trace>>,
+        mut traces: Option<&mut Vec<Trace>>,
     ) -> V3 {
         let id = face_id(solid, hit.face);
         let face = &self.faces[solid * FACES + hit.face];
@@ -69,14 +76,18 @@ impl Stage<'_> {
             }
         };
         let exact = || lit::at(self, solid, ray, hit.depth, normal);
-        let light = if hit.rounded && !grid.coarse() {
-            exact()
-        } else {
-            grid.lit(id, pixel.0, pixel.1).unwrap_or_else(exact)
+        let light = match grid {
+            None => lit::unshadowed(self, ray * hit.depth, normal),
+            Some(grid) if hit.rounded && (!grid.coarse() || self.is_wide(solid, hit)) => exact(),
+            Some(grid) => grid.lit(id, pixel.0, pixel.1).unwrap_or_else(exact),
         };
         let (mut colour, coat) = self.unlit(solid, hit, ambient, &light);
         let spot = Spot { own: solid, ray, depth: hit.depth, normal };
-        self.add_lasers(&mut colour, coat.laser, coat.gloss, &spot, [true; 4], pixel, traces);
+        let near = std::array::from_fn::<bool, BEAMS, _>(|k| k < self.beams.len());
+        self.add_lasers(&mut colour, coat.laser, coat.gloss, &spot, near, pixel, traces.as_deref_mut());
+        if self.mirror[solid] > 0.0 {
+            self.mirror_in(&mut colour, self.mirror[solid], ray, normal, pixel, traces);
+        }
         colour
     }
 
@@ -89,7 +100,7 @@ impl Stage<'_> {
         (coat.lit(ambient * light.open + light.lamps, light.shine) * self.exposure, coat)
     }
 
-    /// By how many sigmas of a sensor pixel the middle of a stripe stands out in red where a ray meets a solid; 0 where none can be.
+    /// By how many sigmas of a pixel of the picture the middle of a stripe stands out in red where a ray meets a solid; 0 where none can be.
     #[must_use]
     pub fn contrast(&self, laser: usize, solid: usize, hit: &Hit, ray: V3) -> f32 {
         let normal = lit::normal(self, solid, hit);
@@ -99,6 +110,37 @@ impl Stage<'_> {
         let added = peak * coated(coat.laser, coat.gloss) * self.exposure;
         let base = colour.x.clamp(0.0, 1.0);
         // Shot noise is even in the root of the light, where its sigma is half of that at full scale.
-        ((base + added).min(1.0).sqrt() - base.sqrt()) / (0.5 * self.noise as f32).max(1e-6)
+        let sigma = (0.5 * self.noise as f32).max(ENCODING_NOISE);
+        ((base + added).min(1.0).sqrt() - base.sqrt()) / sigma
+    }
+
+    /// Whether a rounding is more than a pixel or two wide, so that even a small frame shows its shading.
+    fn is_wide(&self, solid: usize, hit: &Hit) -> bool {
+        self.solids[solid].radius > 3.0 * self.cell_per_mm * hit.depth
+    }
+
+    /// Mixes what a polished floor mirrors into its colour (Schlick's law: more at a slant).
+    pub(super) fn mirror_in(
+        &self,
+        colour: &mut V3,
+        mirror: f32,
+        ray: V3,
+        normal: V3,
+        pixel: (usize, usize),
+        traces: Option<&mut Vec<Trace>>,
+    ) {
+        let Some(image) = &self.image else { return };
+        let slant = (-normal.dot(ray.unit())).clamp(0.0, 1.0);
+        let share = (mirror + (1.0 - mirror) * (1.0 - slant).powi(5)).min(MOST_MIRRORED);
+        let mut mirrored = Vec::new();
+        let light = match image.cast(ray, pixel.0, pixel.1) {
+            Some((solid, hit)) => image.shade(None, solid, &hit, ray, pixel, Some(&mut mirrored)),
+            None => image.nothing(ray),
+        };
+        *colour = *colour * (1.0 - share) + light * share;
+        if let Some(traces) = traces {
+            let seen = mirrored.into_iter().map(|t| Trace { red: t.red * share, ..t });
+            traces.extend(seen.filter(|t| t.red > LEAST_TRACE));
+        }
     }
 }

@@ -1,11 +1,16 @@
 //! Draws a whole scene: box, stand, views that can (or must not) be measured, surroundings, light.
 
+use super::beams::{FanEnd, end_fan, weaken};
+use super::detour::{bounce, floor, mirrored_in_view};
 use super::light::lighting;
+use super::neighbours::{self, neighbours, step_mm};
+use super::occluder::{Hidden, occluder};
 use super::{Body, Lighting, Role, View, axes, face_half, flap, room, stand};
-use crate::hazard::Hazard;
-use crate::head::Head;
-use crate::material::{Art, Look, Pattern, carton};
-use crate::pose::{FacePose, Refuse, place_face, place_unmeasurable, random_orientation};
+use crate::hazard::{Hazard, Hazards};
+use crate::head::{Beam, Head};
+use crate::material::carton::{Carton, Plain, carton};
+use crate::material::{Art, Look, Pattern};
+use crate::pose::{FacePose, Refuse, place_face, place_unmeasurable, random_orientation, tilted_orientation};
 use crate::rng::Rng;
 use crate::shape::Shape;
 use crate::solid::FACES;
@@ -37,10 +42,12 @@ pub struct Scene {
     pub light: Lighting,
     /// One view a frame.
     pub views: Vec<View>,
-    /// Lasers that do not shine.
-    pub dead: [bool; 4],
+    /// The head's beams as they shine here: one may be dead (power 0), weak, or narrower than it should be.
+    pub beams: [Beam; 4],
     /// Why every view must be refused, if so.
     pub refuse: Option<Refuse>,
+    /// What an occluder hides of the only view's face, if there is one.
+    pub hidden: Option<Hidden>,
     /// For the truth file: base, stand, neighbours.
     pub words: Words,
     /// Hazards that were drawn and found their place.
@@ -59,6 +66,12 @@ pub struct Words {
 }
 
 impl Scene {
+    /// The head with its beams as they shine here.
+    #[must_use]
+    pub fn head(&self, head: &Head) -> Head {
+        Head { calibration: head.calibration.clone(), beams: self.beams }
+    }
+
     /// Words of all materials in the scene, seen or not, and names of its photographs; sorted.
     #[must_use]
     pub fn materials<'s>(&'s self, stock: &'s Stock) -> BTreeSet<&'s str> {
@@ -82,13 +95,54 @@ impl Scene {
     }
 }
 
+/// How far off the normal the line of sight to an oblique face is, degrees.
+const OBLIQUE_DEG: std::ops::RangeInclusive<f64> = 40.0..=65.0;
+/// Of the faces that cannot be measured because a stripe is missing, so many miss it because its fan ends on them.
+const FAN_ENDS_SHARE: f64 = 0.3;
+
 /// Height range of the head above the floor, mm: from a hand at the ground to one held overhead.
 const HEAD_HEIGHT_MM: (f64, f64) = (70.0, 2700.0);
+
+/// Hazards of a scene that do not lie in its cartons, before it is known which of them find their place.
+struct Drawn {
+    oblique: bool,
+    weak_laser: bool,
+    fan_end: Option<FanEnd>,
+    one_colour: bool,
+    /// Which kinds of neighbours.
+    touching: Vec<Hazard>,
+    polished_floor: bool,
+    second_bounce: bool,
+}
+
+impl Drawn {
+    fn new(rng: &mut Rng, plan: Plan, hazards: &Hazards) -> Self {
+        let mut draw = |hazard| hazards.draw(rng, hazard);
+        let oblique = draw(Hazard::Oblique) && matches!(plan, Plan::Box | Plan::Face);
+        let weak_laser = draw(Hazard::WeakLaser);
+        let one_colour = draw(Hazard::OneColour);
+        let (polished_floor, second_bounce) = (draw(Hazard::MirrorFloor), draw(Hazard::SecondBounce));
+        let mut touching: Vec<Hazard> =
+            [Hazard::FlushNeighbour, Hazard::SteppedNeighbour].into_iter().filter(|h| draw(*h)).collect();
+        let other = if rng.chance(0.5) { Hazard::FlushNeighbour } else { Hazard::SteppedNeighbour };
+        if one_colour && touching.is_empty() && hazards.has(other) {
+            touching.push(other); // one colour matters where something of that colour goes on
+        }
+        let fan_end = match plan {
+            Plan::Refused(Refuse::StripeMissing) => {
+                (rng.chance(FAN_ENDS_SHARE) && hazards.has(Hazard::FanEnd)).then_some(FanEnd::OnFace)
+            }
+            Plan::Refused(_) => None,
+            _ => hazards.draw(rng, Hazard::FanEnd).then_some(FanEnd::Beyond),
+        };
+        Self { oblique, weak_laser, fan_end, one_colour, touching, polished_floor, second_bounce }
+    }
+}
 
 /// Draws a scene for a plan. Sizes, stands and poses are drawn until they fit each other; a draw nearly always does.
 pub fn compose(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Scene {
     if plan == Plan::Refused(Refuse::NoBox) {
-        return empty(rng, stock);
+        return empty(rng, head, stock);
     }
     loop {
         if let Some(scene) = attempt(&mut rng.child(), head, plan, stock) {
@@ -98,6 +152,11 @@ pub fn compose(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Scene {
 }
 
 fn attempt(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Option<Scene> {
+    let drawn = Drawn::new(&mut rng.child(), plan, &stock.hazards);
+    // A face whose stripe the laser cuts short, or of which something hides a part, stands where it could be measured.
+    let spoilt_later = drawn.fan_end == Some(FanEnd::OnFace) || plan == Plan::Refused(Refuse::Hidden);
+    let placing = if spoilt_later { Plan::Face } else { plan };
+    let mut hazards = BTreeSet::new();
     let mut size = box_size(rng);
     let faces = pick_faces(rng, plan);
     if let (Plan::Twins, [first, second]) = (plan, faces.as_slice()) {
@@ -105,23 +164,42 @@ fn attempt(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Option<Scen
         size[second / 2] = size[first / 2];
     }
     let half = size / 2.0;
-    let stand = stand::stand(rng, &size, stock);
+    let mut stand = stand::stand(rng, &size, stock, stock.hazards.has(Hazard::FlushNeighbour));
     let centre = Vector3::new(0.0, 0.0, stand.top_mm + half.z);
     let mut views = Vec::new();
     for &face in &faces {
-        views.push(view(rng, head, plan, face, centre, &half, &stand.bodies)?);
+        let (mut slanted, mut usual) = (rng.child(), rng.child());
+        let look =
+            |rng: &mut Rng, oblique| view(rng, head, placing, face, centre, &half, &stand.bodies, oblique);
+        let found = if drawn.oblique { look(&mut slanted, true) } else { None };
+        if found.is_some() {
+            hazards.insert(Hazard::Oblique);
+        }
+        views.push(match found {
+            Some(view) => view,
+            None => look(&mut usual, false)?,
+        });
     }
-    let mut carton = carton(rng, &half, stock);
+    let mut dressed = carton(rng, &half, stock);
+    let mut plain_rng = rng.child();
+    let plain = drawn.one_colour.then(|| Plain::pick(&mut plain_rng, stock));
+    if let Some(plain) = &plain {
+        hazards.insert(Hazard::OneColour);
+        dressed = plain.dress(&mut plain_rng, dressed);
+        for body in stand.bodies.iter_mut().filter(|b| b.role == Role::Carton) {
+            body.look = plain.look(&mut plain_rng);
+        }
+    }
     let target = Body {
         centre,
         rotation: nalgebra::Matrix3::identity(),
         half,
         shape: Shape {
-            radius_mm: rng.log_range(0.5, 4.0).min(0.02 * half.min()) + carton.shape.radius_mm,
+            radius_mm: rng.log_range(0.5, 4.0).min(0.02 * half.min()) + dressed.shape.radius_mm,
             bulge_mm: bulges(rng, &half),
-            ..carton.shape
+            ..dressed.shape
         },
-        look: carton.look,
+        look: dressed.look,
         role: Role::Target,
     };
     let distances = views.iter().map(|v| (v.camera_mm - centre).norm());
@@ -129,26 +207,43 @@ fn attempt(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Option<Scen
     let outdoors = light.ambient == "sun";
     let reach =
         stand.bodies.iter().fold(half.xy().norm(), |r, b| r.max((b.centre.xy() + b.half.xy()).norm()));
-    let (touching, words) = room::neighbours(rng, &size, stand.top_mm, &faces, stock);
+    let mut words = Words { base: dressed.base, stand: stand.word, neighbours: Vec::new() };
+    let below = stand.bodies.last().filter(|b| b.role == Role::Carton);
+    let flush = |b: &&Body| faces.iter().any(|f| *f != 4 && step_mm(&target, b, *f).abs() <= 3.0);
+    if below.filter(flush).is_some() {
+        hazards.insert(Hazard::FlushNeighbour);
+        words.neighbours.push("below");
+    }
+    let free = |b: &Body| views.iter().all(|v| !in_the_way(head, v, &target.face(v.face, v), b));
+    let against = neighbours::Target { size, base_mm: stand.top_mm, faces: &faces };
+    let found = neighbours(&mut rng.child(), &against, &drawn.touching, free, |rng, half| match &plain {
+        Some(plain) => (plain.look(rng), Shape::default()),
+        None => {
+            let Carton { look, shape, .. } = carton(rng, half, stock);
+            (look, shape)
+        }
+    });
     let mut own = rng.child();
-    let flap = if carton.hazards.remove(&Hazard::OpenFlap) {
-        let fits = |flap: &Body| {
-            views.iter().all(|v| !in_the_way(head, v, &target.face(v.face, v), flap))
-                && !touching.iter().chain(&stand.bodies).any(|b| flap.touches(b))
-        };
-        flap::open_flap(&mut own, &target, carton.flap_axis, &faces, fits)
+    let flap = if dressed.hazards.remove(&Hazard::OpenFlap) {
+        let near = || found.iter().map(|n| &n.body).chain(&stand.bodies);
+        let fits = |flap: &Body| free(flap) && !near().any(|b| flap.touches(b));
+        flap::open_flap(&mut own, &target, dressed.flap_axis, &faces, fits)
     } else {
         None
     };
+    hazards.extend(dressed.hazards);
     let mut bodies = vec![target];
     bodies.extend(stand.bodies);
     if let Some(flap) = flap {
-        carton.hazards.insert(Hazard::OpenFlap);
+        hazards.insert(Hazard::OpenFlap);
         bodies.push(flap);
     }
+    for neighbour in found {
+        hazards.insert(neighbour.hazard);
+        words.neighbours.push(neighbour.word);
+        bodies.push(neighbour.body);
+    }
     let fixed = bodies.len();
-    bodies.extend(touching);
-    let near = bodies.len();
     let shell = room::shell(rng, outdoors, &faces, half.y + 700.0, stock);
     bodies.extend(shell);
     bodies.extend(room::clutter(rng, reach, outdoors, stock));
@@ -157,20 +252,76 @@ fn attempt(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Option<Scen
         target: Some(0),
         light,
         views,
-        dead: [false; 4],
+        beams: head.beams,
         refuse: None,
-        words: Words { base: carton.base, stand: stand.word, neighbours: Vec::new() },
-        hazards: carton.hazards,
+        hidden: None,
+        words,
+        hazards,
     };
     if let Plan::Refused(reason) = plan {
         scene.refuse = Some(reason);
-        if reason == Refuse::LaserDead {
-            scene.dead[rng.below(4)] = true;
-        }
     }
-    clear_sight(&mut scene, head, fixed, near, &words);
+    beams(&mut rng.child(), &mut scene, head, &drawn)?;
+    clear_sight(&mut scene, head, fixed);
+    if plan == Plan::Refused(Refuse::Hidden) {
+        hide(&mut rng.child(), &mut scene, head, stock)?;
+    }
+    detours(&mut rng.child(), &mut scene, head, &drawn);
     expose(rng, &mut scene);
     Some(scene)
+}
+
+/// Puts something before the face of the only view.
+fn hide(rng: &mut Rng, scene: &mut Scene, head: &Head, stock: &Stock) -> Option<()> {
+    let (target, view) = (&scene.bodies[scene.target?], scene.views.first()?);
+    let bulge_mm = f64::from(target.shape.bulge_mm[view.face].max(0.0));
+    let (bodies, hidden) = occluder(rng, view, &target.face(view.face, view), head, bulge_mm, stock)?;
+    scene.bodies.extend(bodies);
+    scene.hidden = Some(hidden);
+    Some(())
+}
+
+/// Light that comes by way of other surfaces, where it would be seen.
+fn detours(rng: &mut Rng, scene: &mut Scene, head: &Head, drawn: &Drawn) {
+    let ground = floor(&scene.bodies).filter(|_| drawn.polished_floor && scene.light.ambient != "sun");
+    if let Some(ground) = ground
+        && scene.views.iter().any(|v| mirrored_in_view(scene, v, head, ground))
+    {
+        scene.bodies[ground].look.mirror = rng.range_f32(0.05, 0.12);
+        scene.hazards.insert(Hazard::MirrorFloor);
+    }
+    if drawn.second_bounce {
+        let found: Vec<_> = scene.views.iter().map(|v| bounce(rng, scene, v, head)).collect();
+        for (view, bounce) in scene.views.iter_mut().zip(found) {
+            view.bounce = bounce;
+            if bounce.is_some() {
+                scene.hazards.insert(Hazard::SecondBounce);
+            }
+        }
+    }
+}
+
+/// What ails the beams; `None` if a fan that must end on the face cannot.
+fn beams(rng: &mut Rng, scene: &mut Scene, head: &Head, drawn: &Drawn) -> Option<()> {
+    if scene.refuse == Some(Refuse::LaserDead) {
+        scene.beams[rng.below(4)].power = 0.0;
+    } else if drawn.weak_laser {
+        weaken(rng, &mut scene.beams);
+        scene.hazards.insert(Hazard::WeakLaser);
+    }
+    if let Some(wanted) = drawn.fan_end {
+        let target = &scene.bodies[scene.target?];
+        let poses: Vec<FacePose> = scene.views.iter().map(|v| target.face(v.face, v)).collect();
+        match end_fan(rng, head, &scene.beams, &poses, wanted) {
+            Some(beams) => {
+                scene.beams = beams;
+                scene.hazards.insert(Hazard::FanEnd);
+            }
+            None if wanted == FanEnd::OnFace => return None,
+            None => {}
+        }
+    }
+    Some(())
 }
 
 fn box_size(rng: &mut Rng) -> Vector3<f64> {
@@ -203,6 +354,7 @@ fn bulges(rng: &mut Rng, half: &Vector3<f64>) -> [f32; FACES] {
     [0; FACES].map(|_| (rng.normal() * most).clamp(-2.5 * most, 2.5 * most) as f32)
 }
 
+#[allow(clippy::too_many_arguments)] // a draw on one side, what it must fit on the other
 fn view(
     rng: &mut Rng,
     head: &Head,
@@ -211,11 +363,17 @@ fn view(
     centre: Vector3<f64>,
     half: &Vector3<f64>,
     stand: &[Body],
+    oblique: bool,
 ) -> Option<View> {
     let size = face_half(half, face).map(|h| 2.0 * h);
-    for _ in 0..14 {
-        let most_deg = if plan == Plan::Twins { 50.0 } else { 40.0 };
-        let cam_from_face = random_orientation(rng, face != 4, most_deg);
+    // Slanted poses seldom fit; each that does not costs a millisecond.
+    for _ in 0..if oblique { 5 } else { 14 } {
+        let cam_from_face = if oblique {
+            let tilt_deg = rng.range(*OBLIQUE_DEG.start(), *OBLIQUE_DEG.end());
+            tilted_orientation(rng, face != 4, tilt_deg)
+        } else {
+            random_orientation(rng, face != 4, if plan == Plan::Twins { 50.0 } else { 40.0 })
+        };
         if plan == Plan::Twins && cam_from_face[(2, 2)] > f64::to_radians(20.0).cos() {
             continue; // looks too straight at the face to see others
         }
@@ -224,6 +382,9 @@ fn view(
             _ => place_face(rng, head, size, cam_from_face),
         };
         let Some(pose) = pose else { continue };
+        if oblique && !OBLIQUE_DEG.contains(&pose.angle_to_normal_rad().to_degrees()) {
+            continue;
+        }
         let view = View::of_face(&pose, face, centre, half);
         if stands_free(head, &view, &pose, stand) {
             return Some(view);
@@ -263,29 +424,23 @@ fn in_the_way(head: &Head, view: &View, pose: &FacePose, body: &Body) -> bool {
     false
 }
 
-/// Takes away whatever hides a face that is looked at; `fixed` bodies stay, the next up to `near` are the neighbours.
-pub(super) fn clear_sight(scene: &mut Scene, head: &Head, fixed: usize, near: usize, words: &[&'static str]) {
-    let views = scene.views.clone();
+/// Takes away whatever hides a face that is looked at; the first `fixed` bodies stay.
+pub(super) fn clear_sight(scene: &mut Scene, head: &Head, fixed: usize) {
     let Some(target) = scene.target.and_then(|t| scene.bodies.get(t)).cloned() else { return };
+    let views = &scene.views;
+    let hides = |b: &Body| views.iter().any(|v| in_the_way(head, v, &target.face(v.face, v), b));
+    // What lies about does not touch the target or what stands against it.
+    let cartons: Vec<Body> = scene.bodies[..fixed]
+        .iter()
+        .filter(|b| matches!(b.role, Role::Target | Role::Carton))
+        .cloned()
+        .collect();
+    let overlaps = |b: &Body| b.role == Role::Carton && cartons.iter().any(|c| c.apart_mm(b) < 5.0);
     let mut index = 0;
-    let keep = |b: &Body| {
-        views.iter().all(|v| {
-            let pose = target.face(v.face, v);
-            !in_the_way(head, v, &pose, b)
-        })
-    };
-    let overlaps = |b: &Body| b.role == Role::Carton && b.distance_mm(target.centre) < 1.0;
-    let mut kept_words = Vec::new();
     scene.bodies.retain(|b| {
-        let i = index;
         index += 1;
-        let keep = i < fixed || (keep(b) && !overlaps(b));
-        if keep && (fixed..near).contains(&i) {
-            kept_words.extend(words.get(i - fixed));
-        }
-        keep
+        index <= fixed || !(hides(b) || overlaps(b))
     });
-    scene.words.neighbours = kept_words;
 }
 
 /// Sets each view's exposure from the light on the face it shows, half way as an automatic would.
@@ -299,7 +454,7 @@ pub(super) fn expose(rng: &mut Rng, scene: &mut Scene) {
 }
 
 /// A scene without a target: the head looks at the floor, a wall or distant clutter.
-pub fn empty(rng: &mut Rng, stock: &Stock) -> Scene {
+pub fn empty(rng: &mut Rng, head: &Head, stock: &Stock) -> Scene {
     let light = lighting(rng, Vector3::new(0.0, 0.0, 500.0), 1000.0);
     let outdoors = light.ambient == "sun";
     let mut bodies = room::shell(rng, outdoors, &[], 800.0, stock);
@@ -315,52 +470,16 @@ pub fn empty(rng: &mut Rng, stock: &Stock) -> Scene {
     let cam_from_world = turn.into_inner() * upright.transpose();
     let exposure = rng.range(0.7, 1.1) / light.free_irradiance(Vector3::zeros(), Vector3::z()).max(0.2);
     bodies.retain(|b| b.distance_mm(camera_mm) > 150.0);
-    let view = View { cam_from_world, camera_mm, face: 0, exposure };
+    let view = View { cam_from_world, camera_mm, face: 0, exposure, bounce: None };
     Scene {
         bodies,
         target: None,
         light,
         views: vec![view],
-        dead: [false; 4],
+        beams: head.beams,
         refuse: Some(Refuse::NoBox),
+        hidden: None,
         words: Words { base: "none", stand: "none", neighbours: Vec::new() },
         hazards: BTreeSet::new(),
-    }
-}
-
-/// Puts one or two things before the target: a cable, a strap end, a hand's breadth of something dark or skin coloured.
-pub fn occlude(rng: &mut Rng, scene: &mut Scene, view: &View, head: &Head) {
-    let Some(target) = scene.target.and_then(|t| scene.bodies.get(t)) else { return };
-    let pose = target.face(view.face, view);
-    for _ in 0..1 + rng.below(2) {
-        let near = rng.range(0.35, 0.93);
-        let aim = pose.point(rng.range(-1.0, 1.0) * pose.half[0], rng.range(-1.0, 1.0) * pose.half[1]) * near;
-        let z = aim.z;
-        let (size, rgb) = match rng.below(3) {
-            0 => (Vector3::new(rng.range(0.01, 0.02) * z, 3.0 * z, 0.01 * z), [28, 28, 30]),
-            1 => {
-                (Vector3::new(rng.range(0.03, 0.06) * z, rng.range(0.3, 0.8) * z, 0.01 * z), [190, 170, 130])
-            }
-            _ => {
-                (Vector3::new(rng.range(0.06, 0.12) * z, rng.range(0.15, 0.5) * z, 0.05 * z), [196, 145, 120])
-            }
-        };
-        let turn = nalgebra::Rotation3::from_euler_angles(
-            rng.normal() * 0.2,
-            rng.normal() * 0.2,
-            rng.range(0.0, std::f64::consts::TAU),
-        );
-        let body = Body {
-            centre: view.world(aim),
-            rotation: view.cam_from_world.transpose() * turn.into_inner(),
-            half: size / 2.0,
-            shape: Shape::rounded(0.3 * size.x.min(size.z)),
-            look: Look::bare(super::stand::paint(rng, rgb), 0.05),
-            role: Role::Occluder,
-        };
-        let clear = head.beams.iter().map(|b| view.world(b.source_mm)).chain([view.camera_mm]);
-        if clear.into_iter().all(|eye| body.distance_mm(eye) > 60.0) {
-            scene.bodies.push(body);
-        }
     }
 }

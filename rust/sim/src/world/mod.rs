@@ -3,15 +3,21 @@
 //! [`mod@compose`] draws a whole measurement (box, poses, surroundings, light), [`twin`] one of a box that is given; [`View`]
 //! says where the head stands.
 
+mod beams;
 pub mod compose;
+pub mod detour;
 pub mod flap;
 pub mod light;
+mod neighbours;
+pub mod occluder;
 pub mod room;
 pub mod stand;
 pub mod twin;
 
-pub use compose::{Plan, Scene, compose, empty, occlude};
+pub use compose::{Plan, Scene, compose, empty};
+pub use detour::Bounce;
 pub use light::Lighting;
+pub use occluder::Hidden;
 
 use crate::material::Look;
 use crate::pose::FacePose;
@@ -32,7 +38,7 @@ pub enum Role {
     Stand,
     /// Floor, wall, rack.
     Room,
-    /// Something that may hide parts of the target: cable, strap end, hand.
+    /// Something that hides parts of the target: hand, post, strap, roll; a box that does is a carton.
     Occluder,
 }
 
@@ -127,6 +133,16 @@ impl Body {
         })
     }
 
+    /// Width of the gap between two bodies along that of their axes along which it is widest, mm; negative if they overlap.
+    #[must_use]
+    pub fn apart_mm(&self, other: &Self) -> f64 {
+        let between = other.centre - self.centre;
+        let reach = |b: &Self, way: &Vector3<f64>| (b.rotation.transpose() * way).abs().dot(&b.half);
+        let ways = (0..3).flat_map(|axis| [self, other].map(|b| b.rotation.column(axis).into_owned()));
+        ways.map(|way| way.dot(&between).abs() - reach(self, &way) - reach(other, &way))
+            .fold(f64::NEG_INFINITY, f64::max)
+    }
+
     /// Distance of a world point to the body, mm; 0 inside.
     #[must_use]
     pub fn distance_mm(&self, point: Vector3<f64>) -> f64 {
@@ -160,6 +176,8 @@ pub struct View {
     pub face: usize,
     /// Exposure: 1 maps a white surface under the face's light to full scale.
     pub exposure: f64,
+    /// Laser light that comes by way of another surface.
+    pub bounce: Option<Bounce>,
 }
 
 impl View {
@@ -169,7 +187,19 @@ impl View {
         let cam_from_world = pose.cam_from_face * axes(index).transpose();
         let face_centre = box_centre - axes(index).column(2) * half[index / 2];
         let camera_mm = face_centre - cam_from_world.transpose() * pose.centre;
-        Self { cam_from_world, camera_mm, face: index, exposure: 1.0 }
+        Self { cam_from_world, camera_mm, face: index, exposure: 1.0, bounce: None }
+    }
+
+    /// The view whose picture is this one's mirror image in the floor: of a camera that looks up from below it. Its frame is
+    /// left-handed.
+    #[must_use]
+    pub fn in_floor(&self) -> Self {
+        let flip = Vector3::new(1.0, 1.0, -1.0);
+        Self {
+            cam_from_world: self.cam_from_world * Matrix3::from_diagonal(&flip),
+            camera_mm: self.camera_mm.component_mul(&flip),
+            ..*self
+        }
     }
 
     /// A world point in the camera frame.

@@ -1,4 +1,4 @@
-//! Around the stand: floor, walls, neighbouring boxes, racks, clutter.
+//! Around the stand: floor, walls, racks, clutter.
 
 use super::stand::{paint, wood};
 use super::{Body, Role};
@@ -140,53 +140,6 @@ fn box_at(rng: &mut Rng, foot: Vector3<f64>, size: Vector3<f64>, yaw: f64, stock
     let Carton { look, shape, .. } = carton(rng, &(size / 2.0), stock);
     let shape = Shape { radius_mm: shape.radius_mm + rng.range(0.5, 3.0), ..shape };
     Body::upright(foot, size, yaw, look, Role::Carton).shaped(shape)
-}
-
-/// Boxes against the target, faces flush within 0 to 3 mm, on sides that are not looked at.
-pub fn neighbours(
-    rng: &mut Rng,
-    size: &Vector3<f64>,
-    base_mm: f64,
-    faces: &[usize],
-    stock: &Stock,
-) -> (Vec<Body>, Vec<&'static str>) {
-    let (mut bodies, mut words) = (Vec::new(), Vec::new());
-    let few = rng.chance(0.35);
-    for (face, word) in [(0, "right"), (1, "left"), (2, "behind"), (4, "on_top")] {
-        if faces.contains(&face) || few || !rng.chance(0.4) {
-            continue;
-        }
-        // Cartons of one delivery: equal in all, or in some of their sizes, so that edges go on in one line.
-        let same = if rng.chance(0.3) { 1.0 } else { 0.4 };
-        let gap = rng.range(0.3, 3.0);
-        let mut other = Vector3::new(0, 0, 0).map(|_: i32| 0.0);
-        for i in 0..3 {
-            other[i] = if rng.chance(same) { size[i] } else { size[i] * rng.range(0.45, 1.3) };
-        }
-        if face == 4 {
-            other.z = other.z.min(600.0);
-        }
-        let flush = |rng: &mut Rng, axis: usize| {
-            // Flush at the front or at one end, or anywhere.
-            let slack = 0.5 * (size[axis] - other[axis]);
-            let step = if rng.chance(0.4) { 0.0 } else { rng.range(-3.0, 3.0) };
-            match rng.below(3) {
-                0 => -slack + step,
-                1 => slack + step,
-                _ => rng.range(-1.0, 1.0) * slack.abs(),
-            }
-        };
-        let foot = match face {
-            0 => Vector3::new(0.5 * (size.x + other.x) + gap, flush(rng, 1), base_mm),
-            1 => Vector3::new(-0.5 * (size.x + other.x) - gap, flush(rng, 1), base_mm),
-            2 => Vector3::new(flush(rng, 0), 0.5 * (size.y + other.y) + gap, base_mm),
-            _ => Vector3::new(flush(rng, 0), flush(rng, 1), base_mm + size.z + 0.3),
-        };
-        let yaw = rng.normal() * 0.002;
-        bodies.push(box_at(rng, foot, other, yaw, stock));
-        words.push(word);
-    }
-    (bodies, words)
 }
 
 /// Loose boxes on the floor, and a rack with boxes behind.

@@ -44,14 +44,14 @@ pub fn paint(rng: &mut Rng, rgb: [u8; 3]) -> Surface {
     }
 }
 
-/// A stand for a target of this size, about x = y = 0.
-pub fn stand(rng: &mut Rng, size: &Vector3<f64>, stock: &Stock) -> Stand {
+/// A stand for a target of this size, about x = y = 0. If `flush`, a box below may be as wide as the target.
+pub fn stand(rng: &mut Rng, size: &Vector3<f64>, stock: &Stock, flush: bool) -> Stand {
     let longest = size.x.max(size.y);
     let choice = rng.unit();
     if longest < 450.0 {
         match choice {
             c if c < 0.5 => table(rng, size, stock),
-            c if c < 0.65 => stack(rng, size, stock),
+            c if c < 0.65 => stack(rng, size, stock, flush),
             c if c < 0.8 => pallet(rng, size, stock),
             c if c < 0.9 => shelf(rng, size, stock),
             _ => floor(),
@@ -62,7 +62,7 @@ pub fn stand(rng: &mut Rng, size: &Vector3<f64>, stock: &Stock) -> Stand {
         match choice {
             c if c < 0.35 => floor(),
             c if c < 0.75 => pallet(rng, size, stock),
-            _ => stack(rng, size, stock),
+            _ => stack(rng, size, stock, flush),
         }
     }
 }
@@ -159,18 +159,20 @@ fn shelf(rng: &mut Rng, size: &Vector3<f64>, stock: &Stock) -> Stand {
     Stand { bodies, top_mm, word: "shelf" }
 }
 
-fn stack(rng: &mut Rng, size: &Vector3<f64>, stock: &Stock) -> Stand {
+fn stack(rng: &mut Rng, size: &Vector3<f64>, stock: &Stock, flush: bool) -> Stand {
     let mut bodies = Vec::new();
     let mut top_mm = 0.0;
     let levels = if size.z < 350.0 { 1 + rng.below(2) } else { 1 };
     for _ in 0..levels {
-        // Either the same footprint (edges flush) or a wider box.
-        let grow = |rng: &mut Rng| if rng.chance(0.5) { rng.range(-2.0, 2.0) } else { rng.range(0.0, 250.0) };
+        // Either the same footprint (edges flush within 3 mm) or a wider box, by more than 4 mm on either side.
+        let flush = rng.chance(0.5) && flush;
+        let grow = |rng: &mut Rng| if flush { rng.range(-2.0, 2.0) } else { rng.range(12.0, 250.0) };
         let lower = Vector3::new(size.x + grow(rng), size.y + grow(rng), rng.range(200.0, 500.0));
         let Carton { look, shape, .. } = carton(rng, &(lower / 2.0), stock);
         let shape = Shape { radius_mm: shape.radius_mm + 1.5, ..shape };
-        let foot = Vector3::new(rng.range(-2.0, 2.0), rng.range(-2.0, 2.0), top_mm);
-        bodies.push(Body::upright(foot, lower, rng.normal() * 0.01, look, Role::Carton).shaped(shape));
+        let foot = Vector3::new(rng.range(-1.5, 1.5), rng.range(-1.5, 1.5), top_mm);
+        let yaw = if flush { 0.5 / lower.x.max(lower.y) } else { 0.01 } * rng.range(-1.0, 1.0);
+        bodies.push(Body::upright(foot, lower, yaw, look, Role::Carton).shaped(shape));
         top_mm += lower.z;
     }
     Stand { bodies, top_mm, word: "stack" }

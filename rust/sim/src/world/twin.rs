@@ -49,7 +49,7 @@ pub fn twin(rng: &mut Rng, head: &Head, order: &Order, stock: &Stock) -> Option<
 
 fn attempt(rng: &mut Rng, head: &Head, order: &Order, stock: &Stock) -> Option<Scene> {
     let half = order.size_mm / 2.0;
-    let stand = stand::stand(rng, &order.size_mm, stock);
+    let stand = stand::stand(rng, &order.size_mm, stock, false);
     let centre = Vector3::new(0.0, 0.0, stand.top_mm + half.z);
     let mut views = Vec::with_capacity(order.views.len());
     for &(face, cam_from_face) in &order.views {
@@ -91,12 +91,13 @@ fn attempt(rng: &mut Rng, head: &Head, order: &Order, stock: &Stock) -> Option<S
         target: Some(0),
         light,
         views,
-        dead: [false; 4],
+        beams: head.beams,
         refuse: None,
+        hidden: None,
         words,
         hazards: BTreeSet::new(),
     };
-    clear_sight(&mut scene, head, fixed, fixed, &[]);
+    clear_sight(&mut scene, head, fixed);
     expose(rng, &mut scene);
     Some(scene)
 }
