@@ -61,6 +61,8 @@ pub struct TruthNotes {
     pub edge_radius_mm: Option<f64>,
     /// Outward bulge in the middle of the face that is looked at, mm.
     pub bulge_mm: Option<f64>,
+    /// From the innermost to the outermost place of each side's edge, mm; side k joins corners k and k + 1.
+    pub wave_mm: Option<[f64; 4]>,
 }
 
 /// What lies beyond a stripe's end, as the picture shows it.
@@ -242,6 +244,7 @@ fn notes(field: &Field<'_>) -> Result<TruthNotes, Error> {
         angle_to_normal_deg: number("angle_to_normal_deg")?,
         edge_radius_mm: number("edge_radius_mm")?,
         bulge_mm,
+        wave_mm: field.optional("wave_mm")?.map(|f| f.numbers()).transpose()?,
     })
 }
 

@@ -91,10 +91,12 @@ const LINE_PX: f64 = 2.0;
 const DARK_SIGMAS: f32 = 1.5;
 /// How far inside the edge the end is looked at, beyond the rounding: edges are not straight to some mm.
 const INSIDE_MM: f64 = 6.0;
+/// What hides the end itself is this far before it: neighbours whose edges wave stand a little over the side, mm.
+const BEFORE_MM: f64 = 8.0;
 /// Light is followed this far beyond the side, mm.
 const REACH_MM: f64 = 3000.0;
 
-/// A laser's light: the scene as seen from the source.
+/// Straight rays from one place: the scene as a laser, or the camera, finds it.
 struct Light {
     source: Vector3<f64>,
     solids: Vec<Solid>,
@@ -105,6 +107,13 @@ impl Light {
         // A solid is cast from the origin of its frame: here the source takes the camera's place.
         let there = View { camera_mm: view.world(source), ..*view };
         Self { source, solids: scene.bodies.iter().map(|b| b.solid(&there)).collect() }
+    }
+
+    /// Whether a body other than `own` is in the way to a point by [`BEFORE_MM`] or more.
+    fn blocked(&self, own: usize, to: Vector3<f64>) -> bool {
+        let way = to - self.source;
+        let (ray, limit) = (V3::from(way), (1.0 - BEFORE_MM / way.norm()) as f32);
+        self.solids.iter().enumerate().any(|(body, solid)| body != own && solid.hit(ray, limit).is_some())
     }
 
     /// The first surface on the ray through a point: body, face, place.
@@ -133,6 +142,8 @@ struct Seen {
 struct Eye<'a> {
     head: &'a Head,
     stage: Stage<'a>,
+    /// The same as light from the camera would find it.
+    sight: Light,
 }
 
 impl Eye<'_> {
@@ -298,7 +309,8 @@ pub fn stripe_ends(head: &Head, scene: &Scene, view: &View, photos: &Photos) -> 
     let face = scene.bodies[target].face(view.face, view);
     // A quarter of the sensor's resolution: what it is needed for is brightness next to a stripe.
     let raster = Raster::covering(SENSOR_PX, SENSOR_PX[0] as usize / 4, SENSOR_PX[1] as usize / 4);
-    let eye = Eye { head, stage: Stage::new(scene, view, head, raster, photos, Options::default()) };
+    let stage = Stage::new(scene, view, head, raster, photos, Options::default());
+    let eye = Eye { head, stage, sight: Light::new(scene, view, Vector3::zeros()) };
     let mut found = Vec::new();
     for laser in 0..4 {
         let Some(ends) = stripe_on_face(head, &face, laser) else { continue };
@@ -351,7 +363,9 @@ fn judge(
     let radius = scene.bodies[target].shape.radius_mm;
     let before = section.on_plane(-(radius + INSIDE_MM).min(0.25 * reach));
     let shown = light.cast(before).filter(|(body, ..)| *body == target);
-    let Some(seen) = shown.and_then(|(body, _, at)| eye.sees(body, at)) else {
+    let shown = shown.and_then(|(body, _, at)| eye.sees(body, at));
+    let hidden = [light, &eye.sight].into_iter().any(|from| from.blocked(target, section.at));
+    let Some(seen) = shown.filter(|_| !hidden) else {
         let dead = scene.beams[laser].power <= 0.0;
         return (if dead { EndClass::Dark } else { EndClass::Occluded }, None, false);
     };

@@ -27,17 +27,16 @@ const LEAST_MM: f64 = 5.0;
 /// Cosine of the angle up to which two planes, or two lines, count as parallel: 3 degrees.
 const PARALLEL: f64 = 0.9986;
 /// A fan's end counts up to this share of the face's size from the side.
-const FAN_SHARE: f64 = 0.3;
+const FAN_SHARE: f64 = 0.1;
 
 /// All of them on the face that is looked at, by side and offset. Empty without a target.
 #[must_use]
 pub fn false_lines(head: &Head, scene: &Scene, view: &View) -> Vec<FalseLine> {
     let Some(target) = scene.target else { return Vec::new() };
     let face = scene.bodies[target].face(view.face, view);
-    let shining = scene.head(head);
     let mut lines: Vec<FalseLine> = (0..4)
         .filter(|laser| scene.beams[*laser].power > 0.0)
-        .flat_map(|laser| fan_ends(&shining, &face, laser).into_iter().flatten())
+        .flat_map(|laser| fan_ends(head, &face, laser).into_iter().flatten())
         .collect();
     lines.extend(scene.bodies[target].look.lines.iter().filter(|line| line.face == view.face).map(|line| {
         FalseLine {

@@ -69,7 +69,7 @@ pub struct Solid {
     /// Half sizes of the sharp cuboid, mm.
     pub half: V3,
     /// Radius of the edges, mm.
-    radius: f32,
+    pub radius: f32,
     /// Outward bulge in the middle of each face, mm; 0 at its edges.
     bulge: [f32; FACES],
     waves: Option<Box<[Wave; FACES]>>,
@@ -152,7 +152,7 @@ impl Solid {
             to_local: Rows::new(&rows),
             camera_local: (rows * -centre).into(),
             half: half.into(),
-            radius: (shape.radius_mm.min(half.min())) as f32,
+            radius: shape.radius_mm.min(half.min()) as f32,
             bulge: shape.bulge_mm,
             waves: shape.waves.clone(),
             cuts: Vec::new(),
@@ -211,13 +211,6 @@ impl Solid {
     #[must_use]
     pub fn bent(&self) -> bool {
         self.bent_by > 0.0
-    }
-
-    /// Radius of the edges, mm.
-    #[inline]
-    #[must_use]
-    pub const fn radius(&self) -> f32 {
-        self.radius
     }
 
     /// Half sizes of the upright cuboid around the solid in its own frame, mm.

@@ -1,6 +1,6 @@
 //! Exact truth of a frame, in the words of the recordings' format.
 
-use crate::ends::{StripeEnd, stripe_ends};
+use crate::ends::{StripeEnd, side_of, stripe_ends};
 use crate::head::Head;
 use crate::pose::{Along, FacePose, px_of};
 use crate::rivals::{FalseLine, false_lines};
@@ -93,9 +93,15 @@ pub fn face_truth(head: &Head, shot: &Shot<'_>, stock: &Stock) -> Value {
     entry.insert("key_points_px".into(), Value::Object(points_px));
     entry.insert("key_points_cam_mm".into(), Value::Object(points_mm));
     entry.insert("runs_along".into(), Value::Object(along));
-    let ends = stripe_ends(head, scene, view, &stock.photos);
+    let ends = stripe_ends(&shining, scene, view, &stock.photos);
     entry.insert("stripe_ends".into(), ends.iter().map(|end| end_truth(head, end)).collect());
-    entry.insert("false_lines".into(), false_lines(head, scene, view).iter().map(line_truth).collect());
+    entry.insert("false_lines".into(), false_lines(&shining, scene, view).iter().map(line_truth).collect());
+    let mut waves = [0.0; 4];
+    for side in 0..4 {
+        // The body counts them left, right, upper, lower.
+        let wave = f64::from(target.edge_wave_mm(view.face, side));
+        waves[side_of(&face, side / 2, side % 2 == 1)] = round(wave, 3);
+    }
     entry.insert(
         "notes".into(),
         json!({
@@ -105,6 +111,7 @@ pub fn face_truth(head: &Head, shot: &Shot<'_>, stock: &Stock) -> Value {
             "hazards": hazards,
             "edge_radius_mm": round(target.shape.radius_mm, 3),
             "bulge_mm": round(f64::from(target.shape.bulge_mm[view.face]), 3),
+            "wave_mm": waves,
             "gloss": round(f64::from(target.look.gloss), 3),
             "laser_to_ambient_at_1m": round(scene.light.laser_to_ambient, 3),
             "distance_mm": round(face.centre.norm(), 2),

@@ -1,6 +1,7 @@
 //! `truth.json` as it is read again: what was written, in the words of the format.
 
 use boxline_proto::json::{EndClass, parse_truth};
+use boxline_sim::pose::Refuse;
 use boxline_sim::tremor::Motion;
 use boxline_sim::truth::{Shot, truth};
 use boxline_sim::world::{Plan, compose};
@@ -30,7 +31,11 @@ fn what_is_written_is_read_again() {
             let hazards: Vec<&str> = scene.hazards.iter().map(|h| h.word()).collect();
             assert_eq!(face.notes.hazards.as_ref().unwrap(), &hazards);
             assert_eq!(face.notes.neighbours.as_ref().unwrap(), &scene.words.neighbours);
-            assert!(face.notes.bulge_mm.is_some());
+            let target = &scene.bodies[0];
+            let bulge_mm = f64::from(target.shape.bulge_mm[shot.view.face]);
+            assert!((face.notes.bulge_mm.unwrap() - bulge_mm).abs() < 0.001);
+            let waves = face.notes.wave_mm.unwrap();
+            assert_eq!(waves.iter().any(|w| *w > 0.0), target.shape.waves.is_some(), "{waves:?}");
             // Ends lie at the key points: on the sharp edge.
             assert_eq!(face.stripe_ends.len(), 8);
             for end in &face.stripe_ends {
@@ -52,4 +57,30 @@ fn what_is_written_is_read_again() {
         }
     }
     assert!(ends_met > 40, "only {ends_met} ends are seen");
+}
+
+#[test]
+fn what_an_object_hides_is_told_by_both_lists() {
+    let head = Head::nominal().unwrap();
+    let stock = Stock::default();
+    let mut occluded = 0;
+    for seed in 0..8 {
+        let scene = compose(&mut Rng::new(seed, 5), &head, Plan::Refused(Refuse::Hidden), &stock);
+        let shot = Shot { scene: &scene, view: &scene.views[0], id: "o01".to_owned(), off: None };
+        let read =
+            parse_truth(truth(&head, &[shot], false, &stock).to_string().as_bytes(), "truth.json").unwrap();
+        assert!(read.must_refuse);
+        let face = &read.faces[0];
+        assert_eq!(face.refuse.as_deref(), Some("face_hidden"));
+        let hidden = face.hidden.as_ref().unwrap();
+        assert!((-1.0..=600.0).contains(&hidden.in_front_mm.unwrap()), "{hidden:?}");
+        if hidden.in_front_mm.unwrap() < 10.0 {
+            continue; // what touches the face may end within the last millimetres of the stripe
+        }
+        for end in face.stripe_ends.iter().filter(|e| hidden.stripe_ends.contains(&(e.stripe, e.end))) {
+            assert!(matches!(end.class, EndClass::Occluded | EndClass::Dark), "{end:?} {hidden:?}");
+            occluded += usize::from(end.class == EndClass::Occluded);
+        }
+    }
+    assert!(occluded >= 4, "{occluded} of 64 ends");
 }

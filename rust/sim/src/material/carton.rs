@@ -86,7 +86,7 @@ impl Plain {
         Self { kind: kind.word, colour, gloss }
     }
 
-    /// Its bare surface; boxes of one delivery differ by a per cent.
+    /// Its look, bare; boxes of one delivery differ by a per cent.
     pub fn look(&self, rng: &mut Rng) -> Look {
         let surface = Surface {
             kind: self.kind,
@@ -99,11 +99,12 @@ impl Plain {
         Look::bare(surface, self.gloss)
     }
 
-    /// Makes a carton of it: its shape stays, all print, tape and film go.
-    pub fn cover(&self, rng: &mut Rng, carton: &mut Carton) {
-        carton.look = self.look(rng);
-        carton.base = self.kind;
-        carton.hazards.retain(|h| matches!(h, Hazard::WavyEdge | Hazard::CrushedCorner | Hazard::OpenFlap));
+    /// A carton made of it: nothing is printed, glued or wrapped on, its shape stays.
+    pub fn dress(&self, rng: &mut Rng, carton: Carton) -> Carton {
+        let mut hazards = carton.hazards;
+        hazards.retain(|h| matches!(h, Hazard::OpenFlap | Hazard::CrushedCorner | Hazard::WavyEdge));
+        let shape = Shape { radius_mm: 0.0, ..carton.shape };
+        Carton { look: self.look(rng), base: self.kind, shape, hazards, ..carton }
     }
 }
 
@@ -185,7 +186,7 @@ fn drawn(rng: &mut Rng, half: &Vector3<f64>, stock: &Stock, hazards: &Hazards, p
     }
     let lines = false_lines(&decals, |face| half_of(face, half));
     Carton {
-        look: Look { lines, wrap, decals, ..Look::bare(surface, gloss) },
+        look: Look { decals, lines, wrap, ..Look::bare(surface, gloss) },
         base: kind.word,
         shape,
         flap_axis: frame.flap,

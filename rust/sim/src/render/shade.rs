@@ -8,6 +8,8 @@ use crate::material::wrap::Glint;
 use crate::solid::{FACES, Hit, face_uv};
 use crate::vec3::V3;
 
+/// What encoding leaves of a pixel's value: two levels of 255.
+const ENCODING_NOISE: f32 = 2.0 / 255.0;
 /// A floor in use is never a better mirror than this.
 const MOST_MIRRORED: f32 = 0.3;
 /// A mirrored stripe that adds less than a level is none.
@@ -98,7 +100,7 @@ impl Stage<'_> {
         (coat.lit(ambient * light.open + light.lamps, light.shine) * self.exposure, coat)
     }
 
-    /// By how many sigmas of a sensor pixel the middle of a stripe stands out in red where a ray meets a solid; 0 where none can be.
+    /// By how many sigmas of a pixel of the picture the middle of a stripe stands out in red where a ray meets a solid; 0 where none can be.
     #[must_use]
     pub fn contrast(&self, laser: usize, solid: usize, hit: &Hit, ray: V3) -> f32 {
         let normal = lit::normal(self, solid, hit);
@@ -108,12 +110,13 @@ impl Stage<'_> {
         let added = peak * coated(coat.laser, coat.gloss) * self.exposure;
         let base = colour.x.clamp(0.0, 1.0);
         // Shot noise is even in the root of the light, where its sigma is half of that at full scale.
-        ((base + added).min(1.0).sqrt() - base.sqrt()) / (0.5 * self.noise as f32).max(1e-6)
+        let sigma = (0.5 * self.noise as f32).max(ENCODING_NOISE);
+        ((base + added).min(1.0).sqrt() - base.sqrt()) / sigma
     }
 
     /// Whether a rounding is more than a pixel or two wide, so that even a small frame shows its shading.
     fn is_wide(&self, solid: usize, hit: &Hit) -> bool {
-        self.solids[solid].radius() > 3.0 * self.cell_per_mm * hit.depth
+        self.solids[solid].radius > 3.0 * self.cell_per_mm * hit.depth
     }
 
     /// Mixes what a polished floor mirrors into its colour (Schlick's law: more at a slant).

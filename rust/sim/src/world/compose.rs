@@ -8,8 +8,8 @@ use super::occluder::{Hidden, occluder};
 use super::{Body, Lighting, Role, View, axes, face_half, flap, room, stand};
 use crate::hazard::{Hazard, Hazards};
 use crate::head::{Beam, Head};
-use crate::material::carton::Plain;
-use crate::material::{Art, Look, Pattern, carton};
+use crate::material::carton::{Carton, Plain, carton};
+use crate::material::{Art, Look, Pattern};
 use crate::pose::{FacePose, Refuse, place_face, place_unmeasurable, random_orientation, tilted_orientation};
 use crate::rng::Rng;
 use crate::shape::Shape;
@@ -185,13 +185,11 @@ fn attempt(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Option<Scen
     let plain = drawn.one_colour.then(|| Plain::pick(&mut plain_rng, stock));
     if let Some(plain) = &plain {
         hazards.insert(Hazard::OneColour);
-        plain.cover(&mut plain_rng, &mut dressed);
+        dressed = plain.dress(&mut plain_rng, dressed);
         for body in stand.bodies.iter_mut().filter(|b| b.role == Role::Carton) {
             body.look = plain.look(&mut plain_rng);
         }
     }
-    let flap_drawn = dressed.hazards.remove(&Hazard::OpenFlap);
-    hazards.extend(&dressed.hazards);
     let target = Body {
         centre,
         rotation: nalgebra::Matrix3::identity(),
@@ -218,19 +216,22 @@ fn attempt(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Option<Scen
     }
     let free = |b: &Body| views.iter().all(|v| !in_the_way(head, v, &target.face(v.face, v), b));
     let against = neighbours::Target { size, base_mm: stand.top_mm, faces: &faces };
-    let found = neighbours(&mut rng.child(), &against, &drawn.touching, free, |rng, half| {
-        let mut carton = carton(rng, half, stock);
-        if let Some(plain) = &plain {
-            plain.cover(rng, &mut carton);
+    let found = neighbours(&mut rng.child(), &against, &drawn.touching, free, |rng, half| match &plain {
+        Some(plain) => (plain.look(rng), Shape::default()),
+        None => {
+            let Carton { look, shape, .. } = carton(rng, half, stock);
+            (look, shape)
         }
-        (carton.look, carton.shape)
     });
     let mut own = rng.child();
-    let fits = |flap: &Body| {
-        free(flap) && !found.iter().map(|n| &n.body).chain(&stand.bodies).any(|b| flap.touches(b))
+    let flap = if dressed.hazards.remove(&Hazard::OpenFlap) {
+        let near = || found.iter().map(|n| &n.body).chain(&stand.bodies);
+        let fits = |flap: &Body| free(flap) && !near().any(|b| flap.touches(b));
+        flap::open_flap(&mut own, &target, dressed.flap_axis, &faces, fits)
+    } else {
+        None
     };
-    let flap =
-        flap_drawn.then(|| flap::open_flap(&mut own, &target, dressed.flap_axis, &faces, fits)).flatten();
+    hazards.extend(dressed.hazards);
     let mut bodies = vec![target];
     bodies.extend(stand.bodies);
     if let Some(flap) = flap {
@@ -283,11 +284,11 @@ fn hide(rng: &mut Rng, scene: &mut Scene, head: &Head, stock: &Stock) -> Option<
 /// Light that comes by way of other surfaces, where it would be seen.
 fn detours(rng: &mut Rng, scene: &mut Scene, head: &Head, drawn: &Drawn) {
     let ground = floor(&scene.bodies).filter(|_| drawn.polished_floor && scene.light.ambient != "sun");
-    if let Some(ground) = ground {
-        if scene.views.iter().any(|v| mirrored_in_view(scene, v, head, ground)) {
-            scene.bodies[ground].look.mirror = rng.range_f32(0.05, 0.12);
-            scene.hazards.insert(Hazard::MirrorFloor);
-        }
+    if let Some(ground) = ground
+        && scene.views.iter().any(|v| mirrored_in_view(scene, v, head, ground))
+    {
+        scene.bodies[ground].look.mirror = rng.range_f32(0.05, 0.12);
+        scene.hazards.insert(Hazard::MirrorFloor);
     }
     if drawn.second_bounce {
         let found: Vec<_> = scene.views.iter().map(|v| bounce(rng, scene, v, head)).collect();
