@@ -76,6 +76,8 @@ pub struct Solid {
     cuts: Vec<Cut>,
     /// No place stands out or back by more, mm; 0 if all faces are flat.
     bent_by: f32,
+    /// So far inside its rim a face may end because its neighbours bend or are rounded, mm.
+    rim: f32,
     /// Half sizes of the upright cuboid around all of it, mm.
     outer: V3,
     /// Centre in the camera frame, mm.
@@ -157,6 +159,7 @@ impl Solid {
             waves: shape.waves.clone(),
             cuts: Vec::new(),
             bent_by: 0.0,
+            rim: 0.0,
             outer: V3::default(),
             centre: centre.into(),
             bound: half.norm() as f32,
@@ -186,6 +189,8 @@ impl Solid {
         let bulge = self.bulge.iter().fold(0f32, |a, b| a.max(b.abs()));
         let wave = self.waves.iter().flat_map(|w| w.iter()).fold(0f32, |a, w| a.max(w.most_mm()));
         self.bent_by = bulge + wave;
+        // Bulges are hardly anything so close to a face's rim.
+        self.rim = self.radius + wave + 0.1 * bulge;
         self.outer = self.half + v3(1.0, 1.0, 1.0) * self.bent_by;
         let seen =
             |outer: f32, camera: f32| if camera.abs() > outer { outer.copysign(camera) } else { f32::NAN };
@@ -198,9 +203,10 @@ impl Solid {
     pub fn simplify(&mut self, pixel_mm: f32) {
         if self.radius < 0.5 * pixel_mm {
             self.radius = 0.0;
+            self.take_bounds();
         }
         self.cuts.retain(|c| c.reach > pixel_mm);
-        if self.bent_by > 0.0 && self.bent_by < 0.1 * pixel_mm {
+        if self.bent_by > 0.0 && self.bent_by < 0.35 * pixel_mm {
             (self.bulge, self.waves) = ([0.0; FACES], None);
             self.take_bounds();
         }
@@ -291,11 +297,11 @@ impl Solid {
             let outside =
                 usize::from(a.x > inner.x) + usize::from(a.y > inner.y) + usize::from(a.z > inner.z);
             if outside > 1 {
-                return self.walk(o, d, near, limit);
+                return self.walk(o, d, near, slab(o, d, self.half)?.1.min(limit));
             }
         }
         if !self.cuts.is_empty() && self.cuts.iter().any(|c| c.holds(local)) {
-            return self.walk(o, d, near, limit);
+            return self.walk(o, d, near, slab(o, d, self.half)?.1.min(limit));
         }
         Some(Hit { depth: near, face: face_of(axis, d[axis] < 0.0), local, bent: None, rounded: false })
     }
@@ -383,49 +389,56 @@ impl Solid {
     /// the bent face; near the rim, where the neighbours' bends decide, a walk.
     #[inline(never)]
     fn bent_hit(&self, o: V3, d: V3, limit: f32) -> Option<Hit> {
-        let (near, _, axis) = slab(o, d, self.outer)?;
+        let (near, far, axis) = slab(o, d, self.outer)?;
         if near <= 0.0 || near >= limit {
             return None;
         }
         let speed = d[axis].abs();
+        let mut from = near;
         if speed > 0.15 {
             let face = face_of(axis, d[axis] < 0.0);
             let flat = (self.half[axis].copysign(-d[axis]) - o[axis]) / d[axis];
             let (mut depth, mut slope) = (flat, V3::default());
-            // Slopes are a few hundredths, so that three steps suffice.
+            // Slopes are a few hundredths, so that two or three steps suffice.
             for _ in 0..3 {
-                let rise;
-                (rise, slope) = self.rise(face, o + d * depth);
-                depth = flat - rise / speed;
+                let (rise, by) = self.rise(face, o + d * depth);
+                let step = flat - rise / speed - depth;
+                (depth, slope) = (depth + step, by);
+                if step.abs() < 0.02 {
+                    break;
+                }
             }
             let local = o + d * depth;
             let over = self.half - local.abs();
             let (a, b) = (over[(axis + 1) % 3], over[(axis + 2) % 3]);
-            let rim = self.radius + self.bent_by;
-            if a > rim && b > rim && !self.cuts.iter().any(|c| c.holds(local)) {
+            if a > self.rim && b > self.rim && !self.cuts.iter().any(|c| c.holds(local)) {
                 let bent = Some((V3::from(face_normal(face)) - slope).unit());
                 return (depth < limit).then_some(Hit { depth, face, local, bent, rounded: false });
             }
+            // Nothing of the solid stands out over that face.
+            from = depth;
         }
-        self.walk(o, d, near, limit)
+        self.walk(o, d, from, far.min(limit))
     }
 
-    /// Walks the ray from `near` on onto rounded edges, bent faces and pressed-in corners by Newton's steps, which never
+    /// Walks the ray from `near` to `far` onto rounded edges, bent faces and pressed-in corners by Newton's steps, which never
     /// pass beyond the surface of a convex body; these are convex but for waves of a few hundredths.
     #[cold]
-    fn walk(&self, o: V3, d: V3, near: f32, limit: f32) -> Option<Hit> {
-        let far = slab(o, d, self.outer)?.1.min(limit);
+    fn walk(&self, o: V3, d: V3, near: f32, far: f32) -> Option<Hit> {
         let slowest = 0.02 * d.norm();
         let enough = 0.004 * self.radius.max(1.0);
         let mut depth = near;
         for _ in 0..40 {
+            if depth > far {
+                return None;
+            }
             let local = o + d * depth;
             let (gap, away, rounded) = self.gap_bent(local);
             if gap < enough {
                 let most = away.abs();
                 let axis =
                     if most.x >= most.y && most.x >= most.z { 0 } else { 1 + usize::from(most.z > most.y) };
-                return (depth < far).then(|| Hit {
+                return Some(Hit {
                     depth,
                     face: face_of(axis, away[axis] >= 0.0),
                     local,
@@ -435,9 +448,6 @@ impl Solid {
             }
             // Along the surface, or away from it, the ray goes on by some gaps.
             depth += gap / (-away.dot(d)).max(slowest);
-            if depth > far {
-                return None;
-            }
         }
         None
     }
@@ -451,9 +461,12 @@ impl Solid {
         if self.bent() {
             let mut rises = [0.0; 3];
             for axis in 0..3 {
-                let (rise, slope) = self.rise(face_of(axis, p[axis] > 0.0), p);
-                rises[axis] = rise;
-                outwards[axis] = outwards[axis] - slope;
+                // Faces that are far off do not count.
+                if over[axis] + self.radius + self.bent_by > 0.0 {
+                    let (rise, slope) = self.rise(face_of(axis, p[axis] > 0.0), p);
+                    rises[axis] = rise;
+                    outwards[axis] = outwards[axis] - slope;
+                }
             }
             over = over - v3(rises[0], rises[1], rises[2]);
         }
