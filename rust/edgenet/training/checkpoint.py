@@ -28,13 +28,24 @@ def save(folder: Path, step: int, state: dict) -> Path:
     return path
 
 
+def as_today(state: dict) -> dict:
+    """Checkpoints up to version 0.5 know one renderer, and a sitting's end by options only."""
+    if "next_seed" in state:
+        options = state["options"]
+        state["next_seeds"] = [state.pop("next_seed")]
+        state["sitting_images"] = state["sitting_step"] * options["batch"]
+        visits = options["max_images"]
+        state["finished"] = state["images"] >= visits if visits else state["elapsed_s"] >= options["minutes"] * 60
+    return state
+
+
 def load_newest(folder: Path) -> dict | None:
     """The newest checkpoint that can be read; None if there is none at all."""
     found = existing(folder)
     for path in found:
         try:
             # Made by this program in a folder of the user's own; it holds random states, not only tensors.
-            return torch.load(path, map_location="cpu", weights_only=False)
+            return as_today(torch.load(path, map_location="cpu", weights_only=False))
         except Exception as wrong:  # torch raises many kinds for a damaged file
             print(f"checkpoint: {path} cannot be read ({wrong}); trying the one before", file=sys.stderr)
     if found:

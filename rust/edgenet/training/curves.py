@@ -1,4 +1,7 @@
-"""Draws loss, speed and validation scores of a run: python curves.py RUN -> RUN/curves.png"""
+"""Draws loss, speed and validation scores of a run: python curves.py RUN -> RUN/curves.png
+
+`over_visits` draws several runs beside each other for comparison.py.
+"""
 
 import json
 import sys
@@ -13,7 +16,8 @@ import matplotlib.pyplot as plt
 def records(run: Path) -> list[dict]:
     """Lines of metrics.jsonl; where a run went on from a checkpoint, what came after that checkpoint is left out."""
     kept: list[dict] = []
-    for line in (run / "metrics.jsonl").read_text().splitlines():
+    file = run / "metrics.jsonl"
+    for line in file.read_text().splitlines() if file.is_file() else []:
         try:
             record = json.loads(line)
         except ValueError:
@@ -63,6 +67,31 @@ def draw(run: Path) -> Path:
     figure.savefig(path, dpi=90)
     plt.close(figure)
     return path
+
+
+def single_f(run: Path) -> list[tuple[int, float]]:
+    """F of the single map on validation frames after so many visits."""
+    return [(r["images"], r["validation"]["lines"]["single"]["f"]) for r in records(run) if "validation" in r]
+
+
+def over_visits(runs: list[tuple[str, Path, bool]], path: Path) -> None:
+    """F over visits for runs (name, folder, whether it goes on); one that goes on ends in an open circle."""
+    plt.rcParams |= {"svg.fonttype": "none", "svg.hashsalt": "curves"}  # small, and the same file for the same curves
+    figure, axis = plt.subplots(figsize=(10, 5.5), layout="constrained")
+    for number, (name, folder, goes_on) in enumerate(runs):
+        points = single_f(folder)
+        if not points:
+            continue
+        style = ("-", "--", ":")[number // 10 % 3]
+        visits, f = zip(*points)
+        axis.plot(visits, f, style, lw=1.4, color=f"C{number % 10}", label=name + (", goes on" if goes_on else ""))
+        axis.plot(visits[-1], f[-1], "o", ms=5, color=f"C{number % 10}", mfc="white" if goes_on else None)
+    axis.set(xscale="log", xlabel="image visits", ylabel="F of the single map, validation frames", ylim=(0, 1))
+    axis.grid(alpha=0.3, which="both")
+    if axis.lines:
+        axis.legend(fontsize=8, loc="lower right")
+    figure.savefig(path, metadata={"Date": None})
+    plt.close(figure)
 
 
 if __name__ == "__main__":

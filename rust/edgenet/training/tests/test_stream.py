@@ -10,7 +10,7 @@ np = pytest.importorskip("numpy")
 
 import fake
 import stream
-from stream import Format, Frame, FrameRing, StreamError
+from stream import Format, Frame, StreamError
 
 SMALL = Format(64, 48, 32, 24, 9)
 SMALL_FAKE = stream.FAKE_COMMAND + " --size 64x48"
@@ -107,39 +107,3 @@ def test_a_renderer_that_fails_is_reported():
         list(stream.frames("no-such-renderer --seed {seed}", 0, 1))
     with pytest.raises(StreamError, match="gave 2 frames, 4 were wanted"):
         list(stream.frames(SMALL_FAKE + " --frames 2", 0, 4))
-
-
-def test_the_ring_keeps_recent_frames_and_visits_them_again():
-    with FrameRing(SMALL_FAKE, seed=0, capacity=16, visits=2, ahead=4) as ring:
-        batches = [ring.batch(4) for _ in range(40)]
-        assert all(b.rgb.shape == (4, 48, 64, 3) and b.labels.shape == (4, 9, 24, 32) for b in batches)
-        assert all(len(b.metas) == 4 for b in batches)
-        assert ring.filled <= 16
-        assert ring.received <= 40 * 4 / 2 + 4 + 4  # half of what was asked for, and those ahead
-        assert ring.next_seed == ring.received
-
-
-def test_hard_frames_come_about_twice_as_often():
-    with FrameRing(SMALL_FAKE, seed=0, capacity=16, visits=1e9, ahead=16, minimum=16) as ring:
-        ring.batch(1)  # waits until it is full
-        ring.judge(list(range(16)), np.arange(16))
-        drawn = np.bincount([s for _ in range(500) for s in ring.batch(8, hard=True).slots], minlength=16)
-        even = np.bincount([s for _ in range(500) for s in ring.batch(8).slots], minlength=16)
-        assert 1.7 < drawn[15] / even.mean() < 2.2 and drawn[0] < 0.3 * even.mean()
-
-
-def test_the_ring_starts_a_finished_renderer_again():
-    with FrameRing(SMALL_FAKE + " --frames 5", seed=0, capacity=64, visits=1, ahead=8) as ring:
-        for _ in range(8):
-            ring.batch(3)
-        while ring.received < 12 and not ring.error:
-            ring.batch(1)
-        assert ring.error is None and ring.next_seed >= 12
-
-
-def test_the_ring_gives_up_on_a_broken_renderer(tmp_path):
-    header = tmp_path / "header"
-    header.write_bytes(SMALL.header())
-    with FrameRing(f"cat {header}", seed=0, capacity=8) as ring:
-        with pytest.raises(StreamError, match="no frame after 5 attempts"):
-            ring.batch(2)
