@@ -15,8 +15,9 @@ use crate::Finished;
 use crate::args::EvaluateArgs;
 use crate::input::{Usage, lit_faces, pair, read_frame};
 use boxline::{
-    Calibration, Error, ErrorKind, Frame, Method, Network, Settings, StageTimes, measure_box, measure_face,
+    Calibration, Error, ErrorKind, Frame, Method, Settings, StageTimes, measure_box, measure_face,
 };
+use boxline_edgenet::AnyNet;
 use boxline_proto::json::{
     RecordedFrame, Recording, Truth, TruthFace, read_calibration, read_recording, read_truth,
 };
@@ -44,7 +45,7 @@ pub fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Finished> {
     let override_calibration = args.calibration.as_deref().map(read_calibration).transpose()?;
     let methods = args.method.methods();
     let network = args.network.load(edges)?;
-    let network = network.as_ref().map(|n| n as &dyn Network);
+    let network = network.as_ref();
 
     // Drawn on standard error, and only on a terminal.
     let progress = ProgressBar::new((recordings.len() * methods.len()) as u64)
@@ -58,7 +59,13 @@ pub fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Finished> {
         let recorded = Recorded::read(recording, truth)?;
         for &method in methods {
             progress.set_message(recorded.name.clone());
-            let settings = Settings { method, edges: edges.into(), network, ..Settings::default() };
+            let settings = Settings {
+                method,
+                edges: edges.into(),
+                network: network.and_then(AnyNet::network),
+                edge_map: network.and_then(AnyNet::edge_map),
+                ..Settings::default()
+            };
             scores.push(recorded.judge(&calibration, &settings, method)?);
             progress.inc(1);
         }

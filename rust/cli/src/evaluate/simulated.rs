@@ -6,7 +6,8 @@ use super::shots::{shot, stock};
 use super::tables::table;
 use crate::Finished;
 use crate::args::EvaluateArgs;
-use boxline::{FaceOutcome, Method, Network, Outcome, Settings, StageTimes, measure_box};
+use boxline::{FaceOutcome, Method, Outcome, Settings, StageTimes, measure_box};
+use boxline_edgenet::AnyNet;
 use boxline_sim::points::coverage::{CLASSES_MM, Tally};
 use boxline_sim::truth::face_of;
 use boxline_sim::world::{Plan, compose};
@@ -35,7 +36,7 @@ struct Found {
 pub fn evaluate(args: &EvaluateArgs, boxes: u64) -> anyhow::Result<Finished> {
     let edges = args.edges.flatten().unwrap_or_default();
     let network = args.network.load(edges)?;
-    let network = network.as_ref().map(|n| n as &dyn Network);
+    let network = network.as_ref();
     let stock = stock(Split::HeldOut, args.photos.as_deref())?;
     let methods = args.method.methods();
     let mut found: Vec<(Method, Found)> = methods.iter().map(|m| (*m, Found::default())).collect();
@@ -56,7 +57,13 @@ pub fn evaluate(args: &EvaluateArgs, boxes: u64) -> anyhow::Result<Finished> {
         let mut truth_mm = scene.target.map_or([0.0; 3], |t| (scene.bodies[t].half * 2.0).into());
         truth_mm.sort_by(|a: &f64, b| b.total_cmp(a));
         for (method, found) in &mut found {
-            let settings = Settings { method: *method, edges: edges.into(), network, ..Settings::default() };
+            let settings = Settings {
+                method: *method,
+                edges: edges.into(),
+                network: network.and_then(AnyNet::network),
+                edge_map: network.and_then(AnyNet::edge_map),
+                ..Settings::default()
+            };
             let report =
                 measure_box(&frames[0], &frames[1], &head.calibration, &settings, &mut StageTimes::new())?;
             let noticed = !report.warnings.is_empty()
