@@ -2,8 +2,9 @@
 
 use crate::workers::Pool;
 use boxline::measurement::USUAL_DRIFT_RAD;
-use boxline::{EdgeMethod, Method, Network, Settings};
-use boxline_edgenet::{EdgeNet, Options};
+use boxline::network::CHANNELS;
+use boxline::{EdgeMethod, Error, ErrorKind, Method, Settings};
+use boxline_edgenet::{AnyNet, EdgeNet, Options};
 #[cfg(feature = "render")]
 use boxline_sim::{Hazards, recording::Kind};
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
@@ -28,6 +29,7 @@ pub enum Command {
 Examples:
   boxline measure tests/data/b02 --overlay b02.png
   boxline measure a.jpg b.jpg --calibration calibration.json --json
+  boxline measure tests/data/b02 --edges hough --model ihed.onnx --method keypoints     (the paper's system)
 
 Without --json: sides in mm and the volume in cubic metres, each with one standard deviation, or why there is no result
 and what to do. With --json: one object on standard output, also after an error (\"outcome\": \"error\").
@@ -49,12 +51,12 @@ Examples:
   boxline evaluate tests/data --edges --model boxnet.onnx
   boxline evaluate --simulate 400 --seed 200000000 --photos photos --csv boxes.csv --report accuracy.md
   boxline evaluate --report accuracy.md --csv boxes.csv --csv occluded.csv
-  boxline evaluate tests/data --experiments --out rust/EXPERIMENTS.md
+  boxline evaluate tests/data --experiments --out rust/EXPERIMENTS.md --ihed ihed.onnx
 
 Reads folders that hold recording.json and truth.json, or parents of such folders. A recording whose truth has a box is
 measured as a pair of frames; any other recording frame by frame. Measuring where a refusal was due, and refusing where a
 measurement was due, is flagged as WRONG. --simulate measures rendered boxes of materials that training never shows, --experiments
-repeats the paper's experiments on rendered twins. --csv keeps one row a side and goes on where a run was stopped; after a change of the
+repeats the paper's experiments on rendered twins and keeps each shot in a .csv beside the page: called again, it goes on. --csv keeps one row a side and goes on where a run was stopped; after a change of the
 program give another file. Several recordings are measured at a time, as many as there are processors or RAYON_NUM_THREADS says.
 Exit codes: 0 the evaluation ran, whatever it found; 2 broken input (the other recordings are told all the same) or usage.")]
     Evaluate(EvaluateArgs),
@@ -236,12 +238,15 @@ pub struct EvaluateArgs {
     /// Repeat the paper's experiments on rendered twins and, if they are given, on recordings; needs --out
     #[arg(long, requires = "out", conflicts_with_all = ["calibration", "method", "edges"])]
     pub experiments: bool,
-    /// The page that --experiments writes (.md); its picture goes beside it (.svg)
+    /// The page that --experiments writes (.md); its picture (.svg) and the shots (.csv) go beside it
     #[arg(long, value_name = "FILE", requires = "experiments")]
     pub out: Option<PathBuf>,
-    /// Shots of each pose in --experiments; half as many of each box
-    #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=10_000))]
-    pub shots: u64,
+    /// At most so many shots of each pose and box in --experiments; without it as many as the paper: 30, 15 or 10
+    #[arg(long, value_name = "N", requires = "experiments", value_parser = clap::value_parser!(u64).range(1..=10_000))]
+    pub shots: Option<u64>,
+    /// The paper's own network (HED, IHED; .onnx) for a column of --experiments
+    #[arg(long, value_name = "FILE", requires = "experiments")]
+    pub ihed: Option<PathBuf>,
     /// Seed of --simulate and --experiments
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -394,7 +399,8 @@ pub enum EdgeName {
 /// Which network, and how it runs.
 #[derive(ClapArgs)]
 pub struct NetworkArgs {
-    /// Use this network instead of the one that ships (.onnx)
+    /// Use this network instead of the one that ships (.onnx): one of nine maps or, with --edges hough, one of the paper's kind
+    /// (HED, IHED), which gives a single map
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
     /// Threads of the network; needs ONNX Runtime, whose library is looked for beside the program and in ORT_DYLIB_PATH
@@ -404,33 +410,47 @@ pub struct NetworkArgs {
 
 impl NetworkArgs {
     /// Loads the network if this way of finding edges needs one.
-    pub fn load(&self, edges: EdgeName) -> Result<Option<EdgeNet>, boxline::Error> {
-        if edges == EdgeName::Gradient {
-            return Ok(None);
+    pub fn load(&self, edges: EdgeName) -> Result<Option<AnyNet>, Error> {
+        let net = match (edges, &self.model) {
+            (EdgeName::Gradient, _) => return Ok(None),
+            (_, Some(path)) => AnyNet::from_path(path, &self.options())?,
+            (_, None) => AnyNet::Face(EdgeNet::embedded(&self.options())?),
+        };
+        if let (EdgeName::Net, AnyNet::EdgeMap(_), Some(path)) = (edges, &net, &self.model) {
+            let text = format!(
+                "{}: the network gives the paper's one map, which --edges hough works with; --edges net needs {CHANNELS} maps",
+                path.display()
+            );
+            return Err(Error::new(ErrorKind::ModelFile, text));
         }
-        self.load_anyway().map(Some)
+        Ok(Some(net))
     }
 
     /// The same where several run side by side: one thread each unless told otherwise.
-    pub fn load_one_of_many(&self, edges: EdgeName) -> Result<Option<EdgeNet>, boxline::Error> {
+    pub fn load_one_of_many(&self, edges: EdgeName) -> Result<Option<AnyNet>, Error> {
         let threads = Some(self.threads.unwrap_or(NonZeroUsize::MIN));
         Self { model: self.model.clone(), threads }.load(edges)
     }
 
-    /// Loads the network.
-    pub fn load_anyway(&self) -> Result<EdgeNet, boxline::Error> {
+    /// Loads the network of nine maps.
+    pub fn load_anyway(&self) -> Result<EdgeNet, Error> {
+        match &self.model {
+            Some(path) => EdgeNet::from_path(path, &self.options()),
+            None => EdgeNet::embedded(&self.options()),
+        }
+    }
+
+    /// How networks are run.
+    pub fn options(&self) -> Options {
         let mut options = Options::default();
         options.threads = self.threads.unwrap_or(options.threads);
-        match &self.model {
-            Some(path) => EdgeNet::from_path(path, &options),
-            None => EdgeNet::embedded(&options),
-        }
+        options
     }
 }
 
 impl How {
     /// The library's settings.
-    pub fn settings<'a>(&self, choose: Option<u8>, network: Option<&'a EdgeNet>) -> Settings<'a> {
+    pub fn settings<'a>(&self, choose: Option<u8>, network: Option<&'a AnyNet>) -> Settings<'a> {
         let method = match self.method {
             MethodName::Fit => Method::Fit,
             MethodName::Keypoints => Method::Keypoints,
@@ -439,7 +459,8 @@ impl How {
             method,
             edges: self.edges.into(),
             choose: choose.map(|number| usize::from(number).saturating_sub(1)),
-            network: network.map(|n| n as &dyn Network),
+            network: network.and_then(AnyNet::network),
+            edge_map: network.and_then(AnyNet::edge_map),
             workers: Some(&Pool),
             drift_rad: self.drift_mrad * 1e-3,
             free: self.free,

@@ -55,6 +55,21 @@ fn broken_calibration(change: impl Fn(String) -> String, kind: &str) -> String {
 }
 
 #[test]
+fn a_network_of_one_map_is_for_hough_alone() {
+    let model = data("../../rust/edgenet/tests/data/ihed-tiny.onnx");
+    let face =
+        ["face", text(&data("b02/a.jpg")), "--calibration", text(&calibration()), "--model", text(&model)]
+            .map(str::to_owned);
+    let face: Vec<&str> = face.iter().map(String::as_str).collect();
+    let said = fails(&face, "model_file");
+    assert!(said.contains("ihed-tiny.onnx") && said.contains("--edges hough"), "{said}");
+    // Nobody trained this one: it sees no face, which is no error.
+    let output = boxline(&[&face[..], &["--edges", "hough", "--method", "keypoints", "--json"]].concat());
+    assert_eq!(output.status.code(), Some(3), "{}", stderr(&output));
+    assert_eq!(json_of(&output)["reject"]["reason"], "rectangle_open");
+}
+
+#[test]
 fn measures_a_recording() {
     let folder = tempfile::tempdir().unwrap();
     let overlay = folder.path().join("b02.png");

@@ -134,6 +134,7 @@ fn senseless_command_lines_are_refused() {
 
 #[test]
 fn simulated_boxes_are_judged_without_a_folder() {
+<<<<<<< ours
     let run = || {
         boxline(&[
             "evaluate",
@@ -163,6 +164,30 @@ fn simulated_boxes_are_judged_without_a_folder() {
             method["classes"].as_array().unwrap().iter().map(|c| c["sides"]["count"].as_u64().unwrap()).sum();
         assert_eq!(of_classes, 3 * measured);
     }
+=======
+    let folder = tempfile::tempdir().unwrap();
+    let (in_memory, from_folder) = (folder.path().join("memory.csv"), folder.path().join("folder.csv"));
+    let made = ["--seed", "3", "--hazards", "film,edge_print"];
+    let scored = |sources: &[&str], rows: &Path| {
+        let arguments =
+            [&["evaluate", "--edges", "gradient", "--json", "--csv", text(rows)], sources].concat();
+        let run = boxline(&arguments);
+        assert_eq!(run.status.code(), Some(0), "{}", String::from_utf8_lossy(&run.stderr));
+        let found: Value = serde_json::from_slice(&run.stdout).unwrap();
+        assert_eq!(found["parts"][0]["count"], 1);
+        let rows = std::fs::read_to_string(rows).unwrap();
+        let first = rows.lines().nth(2).unwrap().to_owned();
+        // Without name, seed and time.
+        (found, first.splitn(3, ',').nth(2).unwrap().rsplit_once(',').unwrap().0.to_owned())
+    };
+    let (found, row) = scored(&[&["--simulate", "1"], &made[..]].concat(), &in_memory);
+    assert_eq!(found["parts"][0]["made"]["hazards"], "film,edge_print");
+    assert_eq!(found["parts"][0]["seeds"], serde_json::json!([3, 3]));
+    let out = folder.path().join("rendered");
+    let run = boxline(&[&["render", "--held-out", "--out", text(&out)], &made[..]].concat());
+    assert_eq!(run.status.code(), Some(0), "{}", String::from_utf8_lossy(&run.stderr));
+    assert_eq!(scored(&[text(&out)], &from_folder).1, row);
+>>>>>>> theirs
 
     for wrong in [
         vec!["evaluate", "--simulate", "1", "folder"],

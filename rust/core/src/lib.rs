@@ -44,7 +44,7 @@ pub use measurement::{
     BoxMeasurement, BoxReport, Candidate, DepthSeen, EdgeMethod, FaceMeasurement, FaceOutcome, Method,
     Outcome, Settings, StageTimes, SurfacePoint, Workers,
 };
-pub use network::{Channel, FaceMaps, Network};
+pub use network::{Channel, EdgeMap, EdgeMapNetwork, FaceMaps, Network};
 pub use pipeline::{measure_box, measure_box_with_hints, measure_face, measure_face_with_hint};
 pub use reject::Reject;
 pub use units::{AngleEstimate, Estimate, LaserId, Px, Volume};

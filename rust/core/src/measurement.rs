@@ -1,7 +1,7 @@
 //! Results: what a frame tells about one face, what two frames tell about a box, and the settings that choose the way.
 
 use crate::frames::{Cam, Plane, Point};
-use crate::network::Network;
+use crate::network::{EdgeMapNetwork, Network};
 use crate::reject::Reject;
 use crate::units::{AngleEstimate, Estimate, Px, Volume};
 use crate::warning::Warning;
@@ -27,7 +27,8 @@ pub enum EdgeMethod {
     Net,
     /// Gradients alone: along the normals of edge lines that the stripes' ends predict, sub-pixel.
     Gradient,
-    /// The paper's chain: edge map (the network's if there is one), Hough transform (eq. 20), clustering, line fits.
+    /// The paper's chain: edge map ([`Settings::edge_map`], that of [`Settings::network`], or the picture's gradient), Hough transform
+    /// (eq. 20), clustering, line fits.
     Hough,
 }
 
@@ -48,6 +49,8 @@ pub struct Settings<'a> {
     pub choose: Option<usize>,
     /// The network for [`EdgeMethod::Net`] and [`EdgeMethod::Hough`].
     pub network: Option<&'a dyn Network>,
+    /// The paper's network for [`EdgeMethod::Hough`]; if there is one, `network` is not asked there.
+    pub edge_map: Option<&'a dyn EdgeMapNetwork>,
     /// Measures the two frames of a box side by side; `None`: one after the other. With a network, which has its own threads, it is
     /// always one after the other.
     pub workers: Option<&'a dyn Workers>,
@@ -71,6 +74,7 @@ impl Default for Settings<'_> {
             edges: EdgeMethod::default(),
             choose: None,
             network: None,
+            edge_map: None,
             workers: None,
             cancelled: None,
             drift_rad: USUAL_DRIFT_RAD,
@@ -86,6 +90,7 @@ impl std::fmt::Debug for Settings<'_> {
             .field("edges", &self.edges)
             .field("choose", &self.choose)
             .field("network", &self.network.is_some())
+            .field("edge_map", &self.edge_map.is_some())
             .field("workers", &self.workers.is_some())
             .field("drift_rad", &self.drift_rad)
             .field("free", &self.free)

@@ -1,5 +1,6 @@
-//! What an edge network says of a frame: nine maps on a small raster that covers it. The network itself lives in another
-//! crate (`boxline-edgenet`), which implements [`Network`]; core only asks *where* to look, never *how exactly*.
+//! What an edge network says of a frame: nine maps on a small raster that covers it, or the paper's single one. The network itself
+//! lives in another crate (`boxline-edgenet`), which implements [`Network`] or [`EdgeMapNetwork`]; core only asks *where* to look,
+//! never *how exactly*.
 
 use crate::error::Error;
 use crate::image::Frame;
@@ -54,13 +55,80 @@ impl Channel {
     }
 }
 
-/// Probabilities (0..1) per channel on a raster that covers a frame; asked in the frame's pixels.
-#[derive(Clone, Debug, PartialEq)]
-pub struct FaceMaps {
+/// A raster that covers a frame; asked in the frame's pixels. Pixel centres are at integers on both.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Raster {
     width: usize,
     height: usize,
     /// Raster px per frame px, across and down.
     scale: [f64; 2],
+}
+
+impl Raster {
+    /// `None` if a size is too small.
+    fn new(width: usize, height: usize, frame_px: [usize; 2]) -> Option<Self> {
+        let fits = width > 1 && height > 1 && frame_px[0] > 0 && frame_px[1] > 0;
+        fits.then(|| Self {
+            width,
+            height,
+            scale: [width as f64 / frame_px[0] as f64, height as f64 / frame_px[1] as f64],
+        })
+    }
+
+    fn of_px(self, at: Px) -> [f64; 2] {
+        [(at.u + 0.5) * self.scale[0] - 0.5, (at.v + 0.5) * self.scale[1] - 0.5]
+    }
+
+    fn px_of(self, x: f64, y: f64) -> Px {
+        Px::new((x + 0.5) / self.scale[0] - 0.5, (y + 0.5) / self.scale[1] - 0.5)
+    }
+
+    fn px_per_raster_px(self) -> f64 {
+        2.0 / (self.scale[0] + self.scale[1])
+    }
+}
+
+/// One map: probabilities (0..1) on a raster that covers a frame.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct MapView<'a> {
+    raster: Raster,
+    /// Rows top to bottom.
+    pub values: &'a [f32],
+}
+
+impl MapView<'_> {
+    /// Columns and rows of the raster.
+    pub const fn size(&self) -> [usize; 2] {
+        [self.raster.width, self.raster.height]
+    }
+
+    /// The frame position of a raster position.
+    pub fn px_from_raster(&self, x: f64, y: f64) -> Px {
+        self.raster.px_of(x, y)
+    }
+
+    /// Frame pixels per raster pixel (the mean of both directions).
+    pub fn px_per_raster_px(&self) -> f64 {
+        self.raster.px_per_raster_px()
+    }
+
+    /// The value at a frame position, bilinear; the border's value outside.
+    pub fn at(&self, at: Px) -> f32 {
+        let Raster { width, height, .. } = self.raster;
+        let [x, y] = self.raster.of_px(at);
+        let clamped = |v: f64, n: usize| if v.is_finite() { v.clamp(0.0, (n - 1) as f64) } else { 0.0 };
+        let (x, y) = (clamped(x, width), clamped(y, height));
+        let (i, j) = ((x as usize).min(width - 2), (y as usize).min(height - 2));
+        let (fx, fy) = ((x - i as f64) as f32, (y - j as f64) as f32);
+        let row = |j: usize| self.values[j * width + i] * (1.0 - fx) + self.values[j * width + i + 1] * fx;
+        row(j) * (1.0 - fy) + row(j + 1) * fy
+    }
+}
+
+/// Probabilities (0..1) per channel on a raster that covers a frame; asked in the frame's pixels.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FaceMaps {
+    raster: Raster,
     values: Vec<f32>,
 }
 
@@ -69,57 +137,78 @@ impl FaceMaps {
     /// bottom. `None` if the sizes do not fit or are 0.
     #[must_use]
     pub fn new(width: usize, height: usize, frame_px: [usize; 2], values: Vec<f32>) -> Option<Self> {
-        let fits = width > 1 && height > 1 && frame_px[0] > 0 && frame_px[1] > 0;
-        (fits && values.len() == CHANNELS * width * height).then(|| Self {
-            width,
-            height,
-            scale: [width as f64 / frame_px[0] as f64, height as f64 / frame_px[1] as f64],
-            values,
-        })
+        let raster = Raster::new(width, height, frame_px)?;
+        (values.len() == CHANNELS * width * height).then_some(Self { raster, values })
     }
 
     /// Columns and rows of the raster.
     #[must_use]
     pub const fn size(&self) -> [usize; 2] {
-        [self.width, self.height]
+        [self.raster.width, self.raster.height]
     }
 
     /// One channel, rows top to bottom.
     #[must_use]
     pub fn channel(&self, channel: Channel) -> &[f32] {
-        let n = self.width * self.height;
+        let n = self.raster.width * self.raster.height;
         &self.values[channel.index() * n..][..n]
+    }
+
+    /// One channel with its raster.
+    pub(crate) fn view(&self, channel: Channel) -> MapView<'_> {
+        MapView { raster: self.raster, values: self.channel(channel) }
     }
 
     /// A frame position on the raster; pixel centres are at integers on both.
     #[must_use]
     pub fn raster_from_px(&self, at: Px) -> [f64; 2] {
-        [(at.u + 0.5) * self.scale[0] - 0.5, (at.v + 0.5) * self.scale[1] - 0.5]
+        self.raster.of_px(at)
     }
 
     /// The inverse of [`Self::raster_from_px`].
     #[must_use]
     pub fn px_from_raster(&self, x: f64, y: f64) -> Px {
-        Px::new((x + 0.5) / self.scale[0] - 0.5, (y + 0.5) / self.scale[1] - 0.5)
+        self.raster.px_of(x, y)
     }
 
     /// Frame pixels per raster pixel (the mean of both directions).
     #[must_use]
     pub fn px_per_raster_px(&self) -> f64 {
-        2.0 / (self.scale[0] + self.scale[1])
+        self.raster.px_per_raster_px()
     }
 
     /// A channel's value at a frame position, bilinear; the border's value outside.
     #[must_use]
     pub fn at(&self, channel: Channel, at: Px) -> f32 {
-        let [x, y] = self.raster_from_px(at);
-        let clamped = |v: f64, n: usize| if v.is_finite() { v.clamp(0.0, (n - 1) as f64) } else { 0.0 };
-        let (x, y) = (clamped(x, self.width), clamped(y, self.height));
-        let (i, j) = ((x as usize).min(self.width - 2), (y as usize).min(self.height - 2));
-        let (fx, fy) = ((x - i as f64) as f32, (y - j as f64) as f32);
-        let map = self.channel(channel);
-        let row = |j: usize| map[j * self.width + i] * (1.0 - fx) + map[j * self.width + i + 1] * fx;
-        row(j) * (1.0 - fy) + row(j + 1) * fy
+        self.view(channel).at(at)
+    }
+}
+
+/// The paper's single map of a frame (its section 3.4): the stripes on the face and the edges of the face, not told apart.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EdgeMap {
+    raster: Raster,
+    values: Vec<f32>,
+}
+
+impl EdgeMap {
+    /// A map of `width` x `height` probabilities (0..1) that covers a frame of `frame_px`, rows top to bottom. `None` if the sizes do
+    /// not fit or are 0.
+    #[must_use]
+    pub fn new(width: usize, height: usize, frame_px: [usize; 2], values: Vec<f32>) -> Option<Self> {
+        let raster = Raster::new(width, height, frame_px)?;
+        (values.len() == width * height).then_some(Self { raster, values })
+    }
+
+    /// Columns and rows of the raster.
+    #[must_use]
+    pub const fn size(&self) -> [usize; 2] {
+        [self.raster.width, self.raster.height]
+    }
+
+    /// The map with its raster.
+    pub(crate) fn view(&self) -> MapView<'_> {
+        MapView { raster: self.raster, values: &self.values }
     }
 }
 
@@ -159,6 +248,15 @@ pub trait Network: Send + Sync {
     /// # Errors
     /// The runtime fails; never because of what the frame shows.
     fn maps(&self, frame: &Frame) -> Result<FaceMaps, Error>;
+}
+
+/// The paper's kind of network (HED, IHED): one map, for [`crate::EdgeMethod::Hough`].
+pub trait EdgeMapNetwork: Send + Sync {
+    /// The map of a frame.
+    ///
+    /// # Errors
+    /// The runtime fails; never because of what the frame shows.
+    fn edge_map(&self, frame: &Frame) -> Result<EdgeMap, Error>;
 }
 
 /// A network that was asked about a frame, and what it said.
@@ -213,5 +311,7 @@ mod tests {
         assert!(FaceMaps::new(8, 6, [80, 60], vec![0.0; 9 * 47]).is_none());
         assert!(FaceMaps::new(1, 6, [80, 60], vec![0.0; 54]).is_none());
         assert!(FaceMaps::new(8, 6, [0, 60], vec![0.0; 9 * 48]).is_none());
+        assert!(EdgeMap::new(8, 6, [80, 60], vec![0.0; 47]).is_none());
+        assert!(EdgeMap::new(8, 6, [80, 60], vec![0.0; 48]).is_some());
     }
 }

@@ -19,8 +19,9 @@ use crate::image::redness::{Diagonal, RidgeMap, faint_ridge_map, half_redness};
 use crate::measurement::{
     BoxReport, Candidate, DepthSeen, EdgeMethod, FaceMeasurement, FaceOutcome, Outcome, Settings, StageTimes,
 };
-use crate::network::{Asked, FaceMaps, Network};
-use crate::rectangle::hypothesize::{Which, cut_by_border, hypothesize, limits, snap_to_image};
+use crate::network::{Asked, Channel, EdgeMap, EdgeMapNetwork, FaceMaps, Network};
+use crate::rectangle::hough_outline::hough_outline;
+use crate::rectangle::hypothesize::{Which, cut_by_border, ends_seen, hypothesize, limits, snap_to_image};
 use crate::rectangle::rivals::{Rival, rivals};
 use crate::rectangle::{self, Attempt, Measured};
 use crate::reject::Reject;
@@ -132,9 +133,17 @@ fn see_face(
     check_wanted(settings)?;
     let mut clock = Clock::new(times);
     let asked = asked_network(settings).map(|network| Asked::new(network, frame)).transpose()?;
+    let edge_map = paper_network(settings).map(|network| network.edge_map(frame)).transpose()?;
     clock.lap("network");
     check_wanted(settings)?;
-    let task = Task { frame, calibration, settings, asked: asked.as_ref(), which: Which::Best };
+    let task = Task {
+        frame,
+        calibration,
+        settings,
+        asked: asked.as_ref(),
+        edge_map: edge_map.as_ref(),
+        which: Which::Best,
+    };
     let seen = face_stages(&task, &mut clock);
     check_wanted(settings)?; // what was cut short is no result
     asked.map_or(Ok(()), Asked::finish)?;
@@ -165,7 +174,17 @@ fn check_wanted(settings: &Settings) -> Result<(), Error> {
 
 /// The network, if this way of finding edges asks one.
 fn asked_network<'a>(settings: &Settings<'a>) -> Option<&'a dyn Network> {
-    settings.network.filter(|_| settings.edges != EdgeMethod::Gradient)
+    settings.network.filter(|_| settings.edges != EdgeMethod::Gradient && paper_network(settings).is_none())
+}
+
+/// The paper's network, if this way of finding edges asks it.
+fn paper_network<'a>(settings: &Settings<'a>) -> Option<&'a dyn EdgeMapNetwork> {
+    settings.edge_map.filter(|_| settings.edges == EdgeMethod::Hough)
+}
+
+/// Whether a network of either kind is asked.
+fn asks_network(settings: &Settings) -> bool {
+    asked_network(settings).is_some() || paper_network(settings).is_some()
 }
 
 /// What every stage gets.
@@ -175,6 +194,8 @@ struct Task<'a> {
     calibration: &'a Calibration,
     settings: &'a Settings<'a>,
     asked: Option<&'a Asked<'a>>,
+    /// The paper's map.
+    edge_map: Option<&'a EdgeMap>,
     which: Which,
 }
 
@@ -270,6 +291,9 @@ fn measure_on_plane(
         return measure_seen_outline(task, &inner, wide.as_ref(), asked, clock);
     }
     let face = wide.ok_or_else(|| no_box(0.0))?;
+    if let Some(map) = task.edge_map {
+        return measure_in_edge_map(task, &inner, &face, map, clock);
+    }
     check_stripes(&face, false)?;
     let roughs = hypothesize(frame, calibration, &face, which);
     clock.lap("sides");
@@ -286,6 +310,30 @@ fn measure_on_plane(
         }
     }
     Ok(Seen { alternatives, unsure: None })
+}
+
+/// Measures the face whose sides the paper's map shows.
+fn measure_in_edge_map(
+    task: &Task,
+    inner: &InnerSegments,
+    wide: &FaceStripes,
+    map: &EdgeMap,
+    clock: &mut Clock<'_>,
+) -> Result<Seen, Reject> {
+    let Task { frame, calibration, .. } = *task;
+    let rough = hough_outline(frame, calibration, &wide.fit.plane, map);
+    clock.lap("outline");
+    let mut rough = rough.map_err(|open| cut_by_border(frame, wide).unwrap_or(open))?;
+    clock.see(&rough.raster, &rough.offsets_mm);
+    let limits = limits(calibration, &rough.raster, &rough.offsets_mm, rough.mm_per_px);
+    let face = follow_stripes(frame, calibration, inner, limits.as_ref());
+    clock.lap("stripes");
+    let face = face.ok_or_else(|| no_box(0.0))?;
+    check_stripes(&face, limits.is_some())?;
+    rough.raster = rough.raster.on(&face.fit.plane);
+    rough.at_ends = ends_seen(calibration, &face, &rough.raster).unwrap_or(rough.at_ends);
+    let face = measure_rough(task, &face, &rough, clock)?;
+    Ok(Seen { alternatives: vec![Alternative { probability: 1.0, face: Ok(Box::new(face)) }], unsure: None })
 }
 
 /// Measures the face along the outlines that it may have.
@@ -332,7 +380,7 @@ fn measure_outline(
     clock: &mut Clock<'_>,
 ) -> Result<FaceMeasurement, Reject> {
     let Task { frame, calibration, .. } = *task;
-    let limits = limits(calibration, outline);
+    let limits = limits(calibration, &outline.raster, &outline.offsets_mm, outline.mm_per_px);
     let face = follow_stripes(frame, calibration, inner, limits.as_ref());
     clock.lap("stripes");
     let face = face.ok_or_else(|| no_box(0.0))?;
@@ -349,8 +397,11 @@ fn measure_rough(
     rough: &RoughRectangle,
     clock: &mut Clock<'_>,
 ) -> Result<FaceMeasurement, Reject> {
-    let Task { frame, calibration, settings, asked, .. } = *task;
-    let hough = HoughDetector { maps: asked.map(|asked| &asked.maps) };
+    let Task { frame, calibration, settings, asked, edge_map, .. } = *task;
+    let hough = HoughDetector {
+        map: edge_map.map(EdgeMap::view).or_else(|| asked.map(|asked| asked.maps.view(Channel::FaceEdge))),
+        stripes_on: edge_map.map(|_| &face.fit.plane),
+    };
     let detector: &dyn EdgeDetector = match settings.edges {
         EdgeMethod::Net | EdgeMethod::Gradient => &GradientDetector,
         EdgeMethod::Hough => &hough,
@@ -459,7 +510,7 @@ pub fn measure_box_with_hints(
     let face = |frame: &Frame, name: &str, times: &mut StageTimes| {
         see_face(frame, calibration, settings, times).map_err(|e| e.in_context(name))
     };
-    let ((a, hint_a), (b, hint_b)) = match settings.workers.filter(|_| asked_network(settings).is_none()) {
+    let ((a, hint_a), (b, hint_b)) = match settings.workers.filter(|_| !asks_network(settings)) {
         Some(workers) => {
             let (mut a, mut b, mut more) = (None, None, StageTimes::new());
             workers.both(&mut || a = Some(face(first, "first frame", times)), &mut || {
@@ -503,9 +554,7 @@ pub fn measure_box_with_hints(
         }
     };
     let report = BoxReport { outcome, faces: [a, b], warnings, settled, confidence: None, likeliest };
-    if asked_network(settings).is_some()
-        || !matches!(report.outcome, Outcome::Rejected(Reject::SidesDisagree { .. }))
-    {
+    if asks_network(settings) || !matches!(report.outcome, Outcome::Rejected(Reject::SidesDisagree { .. })) {
         return Ok((report, hints));
     }
     Ok((with_alternatives(frames, calibration, settings, times).unwrap_or(report), hints))
@@ -539,7 +588,8 @@ fn with_alternatives(
 ) -> Option<BoxReport> {
     let mut clock = Clock::new(times);
     let [first, second] = frames.map(|frame| {
-        let task = Task { frame, calibration, settings, asked: None, which: Which::WithAlternatives };
+        let which = Which::WithAlternatives;
+        let task = Task { frame, calibration, settings, asked: None, edge_map: None, which };
         face_stages(&task, &mut clock).ok()
     });
     let (first, second) = (first?, second?);

@@ -1,18 +1,20 @@
 //! The edge network: a frame in, the nine maps of [`boxline::network`] out; and the small network that looks at single lines.
 //!
-//! [`EdgeNet`] is what the product uses; `engine` below it runs any ONNX file of the same kind on ONNX Runtime
+//! [`EdgeNet`] is what the product uses, [`EdgeMapNet`] the paper's kind of network, [`AnyNet`] whichever a file holds; `engine` below runs any ONNX file of the same kind on ONNX Runtime
 //! (`onnx_runtime`, where its library is found) or on tract (`tract`, always there); `downscale` makes the input.
 //! Training, export and scores are Python, in `training/`.
 #![forbid(unsafe_code)]
 
 mod downscale;
+mod edge_map;
 mod engine;
 mod onnx_runtime;
 mod tract;
 
+pub use edge_map::EdgeMapNet;
 pub use engine::{Engine, Options, Runtime};
 
-use boxline::network::{CHANNELS, FaceMaps, LineStrip, Network};
+use boxline::network::{CHANNELS, EdgeMapNetwork, FaceMaps, LineStrip, Network};
 use boxline::{Error, ErrorKind, Frame};
 use downscale::Downscaler;
 use std::num::NonZeroUsize;
@@ -38,6 +40,75 @@ struct State {
     downscaler: Downscaler,
 }
 
+impl State {
+    fn new(engine: Engine) -> Self {
+        let [_, _, height, width] = engine.input_shape();
+        Self { engine, downscaler: Downscaler::new([width, height]) }
+    }
+
+    /// What the network says of a frame, and columns and rows of it.
+    fn probabilities(&mut self, frame: &Frame) -> Result<(Vec<f32>, [usize; 2]), Error> {
+        self.downscaler.run(frame, self.engine.input_mut());
+        let values = self.engine.run()?;
+        if !values.iter().all(|v| (-1e-3..=1.001).contains(v)) {
+            let text = "the network gives values that are no probabilities; its weights are broken";
+            return Err(Error::new(ErrorKind::ModelFile, text));
+        }
+        let [_, _, rows, columns] = self.engine.output_shape();
+        Ok((values, [columns, rows]))
+    }
+}
+
+fn read(path: &Path) -> Result<Vec<u8>, Error> {
+    std::fs::read(path).map_err(|e| Error::new(ErrorKind::Io, format!("cannot read: {e}")).with_source(e))
+}
+
+/// A network of either kind.
+#[derive(Debug)]
+pub enum AnyNet {
+    /// The product's, of nine maps.
+    Face(EdgeNet),
+    /// The paper's, of one map.
+    EdgeMap(EdgeMapNet),
+}
+
+impl AnyNet {
+    /// Whichever network an ONNX file holds.
+    ///
+    /// # Errors
+    /// As [`EdgeNet::from_path`].
+    pub fn from_path(path: &Path, options: &Options) -> Result<Self, Error> {
+        let load = || {
+            let engine = Engine::load(&read(path)?, options)?;
+            let [_, maps, ..] = engine.output_shape();
+            if maps == 1 {
+                EdgeMapNet::from_engine(engine).map(Self::EdgeMap)
+            } else {
+                EdgeNet::from_engine(engine, options).map(Self::Face)
+            }
+        };
+        load().map_err(|e| e.in_context(path.display()))
+    }
+
+    /// The network for `boxline::Settings::network`.
+    #[must_use]
+    pub fn network(&self) -> Option<&dyn Network> {
+        match self {
+            Self::Face(net) => Some(net),
+            Self::EdgeMap(_) => None,
+        }
+    }
+
+    /// The network for `boxline::Settings::edge_map`.
+    #[must_use]
+    pub fn edge_map(&self) -> Option<&dyn EdgeMapNetwork> {
+        match self {
+            Self::Face(_) => None,
+            Self::EdgeMap(net) => Some(net),
+        }
+    }
+}
+
 impl EdgeNet {
     /// The network that ships with the product.
     ///
@@ -54,10 +125,8 @@ impl EdgeNet {
     /// does not turn 1 x 3 x height x width values into 1 x 9 x rows x columns; [`ErrorKind::NetworkRuntime`] as
     /// [`Self::embedded`].
     pub fn from_path(path: &Path, options: &Options) -> Result<Self, Error> {
-        let bytes = std::fs::read(path).map_err(|e| {
-            Error::new(ErrorKind::Io, format!("{}: cannot read: {e}", path.display())).with_source(e)
-        })?;
-        Self::from_bytes(&bytes, options).map_err(|e| e.in_context(path.display()))
+        let load = || Self::from_bytes(&read(path)?, options);
+        load().map_err(|e| e.in_context(path.display()))
     }
 
     /// A network from the bytes of an ONNX file.
@@ -65,19 +134,21 @@ impl EdgeNet {
     /// # Errors
     /// As [`Self::from_path`].
     pub fn from_bytes(bytes: &[u8], options: &Options) -> Result<Self, Error> {
-        let engine = Engine::load(bytes, options)?;
-        let ([_, _, height, width], [_, channels, ..]) = (engine.input_shape(), engine.output_shape());
+        Self::from_engine(Engine::load(bytes, options)?, options)
+    }
+
+    fn from_engine(engine: Engine, options: &Options) -> Result<Self, Error> {
+        let [_, channels, ..] = engine.output_shape();
         if channels != CHANNELS {
             let text = format!("the network gives {channels} maps, {CHANNELS} are needed");
             return Err(Error::new(ErrorKind::ModelFile, text));
         }
-        let downscaler = Downscaler::new([width, height]);
         // Too small for more than one thread.
         let single = Options { threads: NonZeroUsize::MIN, ..options.clone() };
         let lines = Engine::load(LINES, &single).map_err(|e| e.in_context("embedded network of lines"))?;
         Ok(Self {
             runtime_name: engine.runtime_name(),
-            state: Mutex::new(State { engine, downscaler }),
+            state: Mutex::new(State::new(engine)),
             lines: Mutex::new(lines),
         })
     }
@@ -93,16 +164,9 @@ impl Network for EdgeNet {
     fn maps(&self, frame: &Frame) -> Result<FaceMaps, Error> {
         // A run that panicked leaves buffers half written, and the next run writes them anew.
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        let State { engine, downscaler } = &mut *state;
-        downscaler.run(frame, engine.input_mut());
-        let values = engine.run()?;
-        let bad = |text: &str| Error::new(ErrorKind::ModelFile, text);
-        if !values.iter().all(|v| (-1e-3..=1.001).contains(v)) {
-            return Err(bad("the network gives values that are no probabilities; its weights are broken"));
-        }
-        let [_, _, rows, columns] = engine.output_shape();
+        let (values, [columns, rows]) = state.probabilities(frame)?;
         FaceMaps::new(columns, rows, [frame.width_px(), frame.height_px()], values)
-            .ok_or_else(|| bad("the network's maps are too small"))
+            .ok_or_else(|| Error::new(ErrorKind::ModelFile, "the network's maps are too small"))
     }
 
     fn line_log_odds(&self, strip: &LineStrip) -> Result<f32, Error> {

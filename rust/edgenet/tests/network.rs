@@ -4,14 +4,16 @@
 //! product itself looks at.
 #![allow(clippy::unwrap_used)] // the helpers of tests are tests
 
-use boxline::network::{Channel, FaceMaps, Network};
+use boxline::network::{Channel, EdgeMapNetwork, FaceMaps, Network};
 use boxline::{ErrorKind, Frame};
-use boxline_edgenet::{EdgeNet, Engine, Options, Runtime};
+use boxline_edgenet::{AnyNet, EdgeMapNet, EdgeNet, Engine, Options, Runtime};
 use std::io::Write;
 use std::num::NonZeroUsize;
 use std::path::Path;
 
 const MODEL: &[u8] = include_bytes!("../models/boxnet.onnx");
+/// Of the paper's kind; untrained.
+const IHED_TINY: &[u8] = include_bytes!("data/ihed-tiny.onnx");
 
 fn options(runtime: Runtime) -> Options {
     Options { runtime, threads: NonZeroUsize::MIN }
@@ -56,12 +58,16 @@ fn check_image(width: usize, height: usize) -> Vec<f32> {
     planes
 }
 
-/// Largest difference to the outputs that torch gave when the file was exported.
-fn difference_to_torch(runtime: Runtime) -> f64 {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("models/boxnet.check.json");
-    let stored: serde_json::Value = serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap();
+/// The file of a network, and what torch gave for [`check_image`] when it was exported.
+type Exported = (&'static [u8], &'static str);
+const BOXNET: Exported = (MODEL, include_str!("../models/boxnet.check.json"));
+const IHED: Exported = (IHED_TINY, include_str!("data/ihed-tiny.check.json"));
+
+/// Largest difference to the outputs that torch gave.
+fn difference_to_torch(runtime: Runtime, (model, check): Exported) -> f64 {
+    let stored: serde_json::Value = serde_json::from_str(check).unwrap();
     let step = usize::try_from(stored["step"].as_u64().unwrap()).unwrap();
-    let mut engine = Engine::load(MODEL, &options(runtime)).unwrap();
+    let mut engine = Engine::load(model, &options(runtime)).unwrap();
     let [_, _, height, width] = engine.input_shape();
     engine.input_mut().copy_from_slice(&check_image(width, height));
     let values = engine.run().unwrap();
@@ -85,15 +91,19 @@ const SAME: f64 = 1e-4;
 
 #[test]
 fn tract_gives_what_torch_gave() {
-    let difference = difference_to_torch(Runtime::Tract);
-    assert!(difference < SAME, "{difference}");
+    for exported in [BOXNET, IHED] {
+        let difference = difference_to_torch(Runtime::Tract, exported);
+        assert!(difference < SAME, "{difference}");
+    }
 }
 
 #[test]
 fn onnx_runtime_gives_what_torch_gave() {
     let Some(runtime) = onnx_runtime() else { return };
-    let difference = difference_to_torch(runtime);
-    assert!(difference < SAME, "{difference}");
+    for exported in [BOXNET, IHED] {
+        let difference = difference_to_torch(runtime.clone(), exported);
+        assert!(difference < SAME, "{difference}");
+    }
 }
 
 #[test]
@@ -177,6 +187,29 @@ fn broken_files_are_errors_that_say_what_is_wrong() {
     let missing = EdgeNet::from_path(Path::new("no/such.onnx"), &options(Runtime::Tract)).unwrap_err();
     assert_eq!(missing.kind(), ErrorKind::Io);
     assert!(missing.to_string().contains("no/such.onnx"), "{missing}");
+}
+
+#[test]
+fn a_file_of_one_map_is_the_papers_network_and_no_other() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let (one, nine) = (folder.join("tests/data/ihed-tiny.onnx"), folder.join("models/boxnet.onnx"));
+    let options = options(Runtime::Tract);
+    let any = |path| AnyNet::from_path(path, &options).unwrap();
+    let (ihed, boxnet) = (any(&one), any(&nine));
+    assert!(ihed.network().is_none() && ihed.edge_map().is_some(), "{ihed:?}");
+    assert!(boxnet.network().is_some() && boxnet.edge_map().is_none(), "{boxnet:?}");
+    let frame =
+        Frame::from_rgb(640, 481, (0..640 * 481 * 3).map(|i| (i * 37 % 256) as u8).collect()).unwrap();
+    let map = ihed.edge_map().unwrap().edge_map(&frame).unwrap();
+    assert_eq!(map.size(), [512, 384], "of the size of its input");
+    assert_eq!(map, EdgeMapNet::from_path(&one, &options).unwrap().edge_map(&frame).unwrap());
+    for (told, expected) in [
+        (EdgeNet::from_path(&one, &options).unwrap_err(), "gives 1 maps, 9 are needed"),
+        (EdgeMapNet::from_path(&nine, &options).unwrap_err(), "gives 9 maps, the paper's gives one"),
+    ] {
+        assert!(told.kind() == ErrorKind::ModelFile && told.to_string().contains(expected), "{told}");
+        assert!(told.to_string().contains(".onnx"), "{told}");
+    }
 }
 
 #[test]

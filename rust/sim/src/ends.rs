@@ -439,7 +439,7 @@ mod tests {
     use crate::rng::Rng;
     use crate::stock::Stock;
     use crate::world::stand::paint;
-    use crate::world::twin::turned;
+    use crate::pose::turned;
     use crate::world::{Body, Role, compose};
 
     const SIZE: Vector3<f64> = Vector3::new(500.0, 400.0, 350.0);

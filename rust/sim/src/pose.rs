@@ -188,6 +188,14 @@ pub fn tilted_orientation(rng: &mut Rng, upright: bool, tilt_deg: f64) -> Matrix
     (tilted * Rotation3::from_axis_angle(&Vector3::z_axis(), roll.to_radians())).into_inner()
 }
 
+/// A face before the head: rolled, then tilted about an axis in the image (0 is its horizontal), degrees.
+#[cfg(test)]
+pub(crate) fn turned(roll_deg: f64, tilt_deg: f64, axis_deg: f64) -> Matrix3<f64> {
+    let axis = Vector3::new(axis_deg.to_radians().cos(), axis_deg.to_radians().sin(), 0.0);
+    let roll = Rotation3::from_axis_angle(&Vector3::z_axis(), roll_deg.to_radians());
+    (Rotation3::new(axis * tilt_deg.to_radians()) * roll).into_inner()
+}
+
 /// The middle of the 2 x 2 grid on a plane `n . X = offset`.
 #[must_use]
 pub fn grid_centre(head: &Head, normal: Vector3<f64>, offset_mm: f64) -> Option<Vector3<f64>> {
@@ -198,6 +206,99 @@ pub fn grid_centre(head: &Head, normal: Vector3<f64>, offset_mm: f64) -> Option<
         sum += m.try_inverse()? * Vector3::new(1.0, 1.0, offset_mm);
     }
     Some(sum / 4.0)
+}
+
+/// How much room a hand that trembles needs: corners and key points keep this clear of the image's border ...
+const ROOM_PX: f64 = 60.0;
+/// ... and key points of the corners (share of the face's shorter half, and at least), mm.
+const ROOM_SHARE: f64 = 0.02;
+const ROOM_MM: f64 = 6.0;
+/// Where on the face the head is aimed, shares of its half sizes: tried from the middle outwards.
+const AIM_STEPS: i32 = 6;
+const AIM_STEP: f64 = 0.1;
+
+/// The nearest depth at which `pose_at` a depth and an aim can be measured with room for a trembling hand, and the aim nearest to the
+/// face's middle that does.
+fn nearest(
+    head: &Head,
+    half: [f64; 2],
+    pose_at: impl Fn(f64, [f64; 2]) -> Option<FacePose>,
+) -> Option<(f64, [f64; 2], FacePose)> {
+    let steps = -AIM_STEPS..=AIM_STEPS;
+    let mut aims: Vec<[i32; 2]> = steps.clone().flat_map(|i| steps.clone().map(move |j| [i, j])).collect();
+    aims.sort_by_key(|[i, j]| i * i + j * j);
+    let mut depth = 0.75 * half[0].max(half[1]).max(150.0);
+    while depth < 3400.0 {
+        for aim in &aims {
+            let aim = aim.map(|step| f64::from(step) * AIM_STEP);
+            if let Some(face) = pose_at(depth, aim).filter(|face| has_room(face, head)) {
+                return Some((depth, aim, face));
+            }
+        }
+        depth *= 1.015;
+    }
+    None
+}
+
+fn has_room(face: &FacePose, head: &Head) -> bool {
+    let margin_mm = (ROOM_SHARE * face.half[0].min(face.half[1])).max(ROOM_MM);
+    face.crossings(head, margin_mm, ROOM_PX).is_some()
+}
+
+/// A face whose middle is seen from a direction: so many degrees to the right of its normal and above it. The head is rolled by
+/// `roll_deg` and stands as near as the face allows. `None` if it cannot be measured from there.
+#[must_use]
+pub fn place_seen_from(
+    head: &Head,
+    size_mm: [f64; 2],
+    [right_deg, up_deg]: [f64; 2],
+    roll_deg: f64,
+) -> Option<FacePose> {
+    let half = size_mm.map(|s| s / 2.0);
+    let ((right_sin, right_cos), (up_sin, up_cos)) =
+        (right_deg.to_radians().sin_cos(), up_deg.to_radians().sin_cos());
+    let towards_head = Vector3::new(right_sin * up_cos, -up_sin, -right_cos * up_cos);
+    let roll = Rotation3::from_axis_angle(&Vector3::z_axis(), roll_deg.to_radians());
+    let pose_at = |distance_mm: f64, aim: [f64; 2]| {
+        let head_in_face = towards_head * distance_mm;
+        let aimed_at = Vector3::new(aim[0] * half[0], aim[1] * half[1], 0.0);
+        let forward = (aimed_at - head_in_face).normalize();
+        let right = Vector3::new(forward.z, 0.0, -forward.x).try_normalize(1e-9)?;
+        let upright = Matrix3::from_columns(&[right, forward.cross(&right), forward]).transpose();
+        let cam_from_face = roll * upright;
+        Some(FacePose { cam_from_face, centre: -(cam_from_face * head_in_face), half })
+    };
+    nearest(head, half, pose_at).map(|(.., face)| face)
+}
+
+/// Farther than nearest by so much: a courier steps back until all is in the picture, and a little more.
+const STEP_BACK: (f64, f64) = (1.02, 1.25);
+/// ... but not beyond the head's range, mm.
+const FARTHEST_MM: f64 = 2450.0;
+
+/// A face of this size and orientation as a courier would hold the head before it: as near as it allows or a little farther, aimed by
+/// eye. `None` if it cannot be measured in this orientation.
+pub fn place_by_hand(
+    rng: &mut Rng,
+    head: &Head,
+    size_mm: [f64; 2],
+    cam_from_face: Matrix3<f64>,
+) -> Option<FacePose> {
+    let half = size_mm.map(|s| s / 2.0);
+    let normal: Vector3<f64> = cam_from_face.column(2).into();
+    let pose_at = |depth: f64, aim: [f64; 2]| {
+        let centre = grid_centre(head, normal, normal.z * depth)?;
+        let centred = FacePose { cam_from_face, centre, half };
+        (centre.z > 150.0)
+            .then(|| FacePose { centre: centred.point(aim[0] * half[0], aim[1] * half[1]), ..centred })
+    };
+    let (depth, aim, near) = nearest(head, half, pose_at)?;
+    let by_hand = (0..60).find_map(|_| {
+        let farther = depth * rng.range(STEP_BACK.0, STEP_BACK.1);
+        let off = aim.map(|a| a * rng.unit() + 0.08 * rng.normal());
+        pose_at(farther, off).filter(|face| face.centre.norm() < FARTHEST_MM && has_room(face, head))
+    });
+    Some(by_hand.unwrap_or(near))
 }
 
 /// A face of this size and orientation where it can be measured; `None` if there is no such place.
@@ -324,6 +425,48 @@ mod tests {
         assert!(share_placed([550.0, 350.0]) > 0.7);
         assert!(share_placed([1800.0, 900.0]) > 0.7);
         assert!(share_placed([900.0, 100.0]) < 0.01);
+    }
+
+    #[test]
+    fn a_face_is_seen_from_where_it_was_asked_and_as_near_as_it_allows() {
+        let head = Head::nominal().unwrap();
+        for (from_deg, across, sign) in [
+            ([0.0, 0.0], 0, 0.0),
+            ([60.0, 0.0], 0, 1.0),
+            ([-30.0, 0.0], 0, -1.0),
+            ([0.0, 60.0], 1, -1.0),
+            ([0.0, -60.0], 1, 1.0),
+        ] {
+            let face = place_seen_from(&head, [800.0, 600.0], from_deg, 45.0).unwrap();
+            assert!(face.crossings(&head, 6.0, 60.0).is_some());
+            let wanted = from_deg[0].abs().max(from_deg[1].abs());
+            assert!((face.angle_to_normal_rad().to_degrees() - wanted).abs() < 1e-6, "{from_deg:?}");
+            // Where the head is, right and down of the face's middle.
+            let head_in_face = -(face.cam_from_face.transpose() * face.centre);
+            assert!(
+                head_in_face.z < 0.0 && head_in_face[across] * sign >= 0.0,
+                "{from_deg:?}: {head_in_face}"
+            );
+            assert!((1000.0..1400.0).contains(&face.centre.norm()), "{from_deg:?}: {}", face.centre.norm());
+        }
+        assert!(place_seen_from(&head, [800.0, 10.0], [0.0, 0.0], 45.0).is_none());
+    }
+
+    #[test]
+    fn a_courier_holds_the_head_near_and_never_too_far() {
+        let head = Head::nominal().unwrap();
+        let mut rng = Rng::new(11, 0);
+        for size_mm in [[143.4, 120.5], [1200.0, 900.0]] {
+            let mut placed = 0;
+            for _ in 0..20 {
+                let r = random_orientation(&mut rng, true, 20.0);
+                let Some(face) = place_by_hand(&mut rng, &head, size_mm, r) else { continue };
+                placed += 1;
+                assert!(face.crossings(&head, 2.0, 12.0).is_some());
+                assert!(face.centre.norm() < 2500.0, "{} mm", face.centre.norm());
+            }
+            assert!(placed > 10, "{size_mm:?}: {placed} of 20");
+        }
     }
 
     #[test]

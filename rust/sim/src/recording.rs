@@ -4,7 +4,7 @@ use crate::error::Error;
 use crate::head::{Head, SENSOR_PX};
 use crate::pose::Refuse;
 use crate::raster::Raster;
-use crate::render::sensor::Sensor;
+use crate::render::sensor::{Optics, Sensor};
 use crate::render::{Options, Stage, expose_film};
 use crate::rng::Rng;
 use crate::stock::Stock;
@@ -62,9 +62,23 @@ pub fn full_frame(
     seed: u64,
     stock: &Stock,
 ) -> Vec<u8> {
+    full_frame_through(head, scene, view, lasers, seed, stock, Optics::AsFound)
+}
+
+/// The same through given optics.
+#[must_use]
+pub fn full_frame_through(
+    head: &Head,
+    scene: &Scene,
+    view: &View,
+    lasers: bool,
+    seed: u64,
+    stock: &Stock,
+    optics: Optics,
+) -> Vec<u8> {
     // What belongs to the view (lens, motion, balance) is the same with lasers off; noise and speckle are not.
     let mut of_view = Rng::new(seed, 0x5E45);
-    let sensor = Sensor::random(&mut of_view, scene.light.noise);
+    let sensor = Sensor::random(&mut of_view, scene.light.noise).with_optics(optics);
     let mut of_frame = Rng::new(seed, 0xF0A0 + u64::from(lasers));
     let options = Options { lasers, speckle: true, seed: u64::from(of_frame.bits()) };
     let stage = Stage::new(scene, view, head, Raster::full(SENSOR_PX), &stock.photos, options);

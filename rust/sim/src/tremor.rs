@@ -119,7 +119,7 @@ mod tests {
         let mut all = Vec::new();
         for (depth, half) in [(400.0, [110.0, 80.0]), (1000.0, [300.0, 200.0]), (2000.0, [600.0, 400.0])] {
             let centre = grid_centre(&head, Vector3::z(), depth).unwrap();
-            let face = FacePose { cam_from_face: crate::world::twin::turned(45.0, 10.0, 0.0), centre, half };
+            let face = FacePose { cam_from_face: crate::pose::turned(45.0, 10.0, 0.0), centre, half };
             for _ in 0..300 {
                 let motion = Motion::of_hand(&mut rng);
                 let turn = Rotation3::new(motion.rotation_rad);
@@ -140,7 +140,7 @@ mod tests {
     #[test]
     fn the_moved_view_sees_points_where_the_transform_puts_them() {
         let view = View {
-            cam_from_world: crate::world::twin::turned(40.0, 25.0, 70.0),
+            cam_from_world: crate::pose::turned(40.0, 25.0, 70.0),
             camera_mm: Vector3::new(100.0, -900.0, 700.0),
             face: 3,
             exposure: 0.8,

@@ -5,8 +5,8 @@ use super::recorded::{Listed, Recorded};
 use super::{Broken, progress_bar, tables};
 use crate::Finished;
 use crate::args::EvaluateArgs;
-use boxline::{Network, Settings};
-use boxline_edgenet::EdgeNet;
+use boxline::Settings;
+use boxline_edgenet::AnyNet;
 use boxline_proto::json::read_calibration;
 
 /// Runs it.
@@ -24,15 +24,20 @@ pub fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Finished> {
     in_order(
         &listed.recordings,
         || Ok(args.network.load_one_of_many(edges)?),
-        |network: &mut Option<EdgeNet>, (recording, truth)| {
+        |network: &mut Option<AnyNet>, (recording, truth)| {
             let calibration = match &override_calibration {
                 Some(calibration) => calibration.clone(),
                 None => read_calibration(&recording.calibration_file)?,
             };
             let recorded = Recorded::read(recording, truth)?;
-            let network = network.as_ref().map(|n| n as &dyn Network);
             let judge = |&method| {
-                let settings = Settings { method, edges: edges.into(), network, ..Settings::default() };
+                let settings = Settings {
+                    method,
+                    edges: edges.into(),
+                    network: network.as_ref().and_then(AnyNet::network),
+                    edge_map: network.as_ref().and_then(AnyNet::edge_map),
+                    ..Settings::default()
+                };
                 recorded.judge(&calibration, &settings, method)
             };
             methods.iter().map(judge).collect::<Result<Vec<_>, boxline::Error>>()

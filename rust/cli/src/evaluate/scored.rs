@@ -14,8 +14,8 @@ use crate::args::EvaluateArgs;
 use crate::input::Usage;
 use crate::overlay::{self, Headline, View};
 use anyhow::Context;
-use boxline::{Calibration, Method, Network, Px, Settings};
-use boxline_edgenet::EdgeNet;
+use boxline::{Calibration, Method, Px, Settings};
+use boxline_edgenet::AnyNet;
 use boxline_proto::json::{Recording, Truth, read_calibration};
 use clap::ValueEnum;
 use serde_json::json;
@@ -79,7 +79,7 @@ pub fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Finished> {
     in_order(
         &jobs,
         || Ok(args.network.load_one_of_many(edges)?),
-        |network: &mut Option<EdgeNet>, job| bench.rows(job, network.as_ref().map(|n| n as &dyn Network)),
+        |network: &mut Option<AnyNet>, job| bench.rows(job, network.as_ref()),
         |job, rows| {
             progress.inc(1);
             match rows {
@@ -247,7 +247,7 @@ impl Bench<'_> {
     }
 
     /// Measures a recording; what is wrong in it is drawn if overlays are wanted.
-    fn rows(&self, job: &Job<'_>, network: Option<&dyn Network>) -> anyhow::Result<Vec<Row>> {
+    fn rows(&self, job: &Job<'_>, network: Option<&AnyNet>) -> anyhow::Result<Vec<Row>> {
         let (recorded, calibration, seed) = match &job.what {
             What::Folder(recording, truth) => {
                 let calibration = match &self.calibration {
@@ -265,7 +265,13 @@ impl Bench<'_> {
             }
         };
         let edges = self.args.edges.flatten().unwrap_or_default().into();
-        let settings = Settings { method: self.method, edges, network, ..Settings::default() };
+        let settings = Settings {
+            method: self.method,
+            edges,
+            network: network.and_then(AnyNet::network),
+            edge_map: network.and_then(AnyNet::edge_map),
+            ..Settings::default()
+        };
         let score = recorded.judge(&calibration, &settings, self.method)?;
         let rows = rows_of(&job.name, seed, &recorded, &calibration, &score);
         if let Some(folder) = &self.args.overlays {

@@ -1,19 +1,23 @@
 //! The paper's procedure: edge map, Hough transform `rho = u cos(theta) + v sin(theta)` (eq. 20), clustering of the peaks
 //! with 15 px and 1.8 degrees, line fits; of the lines, each side of the face takes the one that fits it.
 
-use super::map::{EdgePixel, edge_pixels, edge_pixels_of_maps};
+use super::map::{EdgePixel, edge_pixels, edge_pixels_of_map};
 use super::{EdgeDetector, EdgePoint};
 use crate::calibration::Calibration;
 use crate::face::outline::{RoughRectangle, SIDES};
+use crate::face::plane_fit::{PxView, residual_px};
+use crate::frames::{Cam, Plane};
 use crate::image::Frame;
-use crate::network::FaceMaps;
-use crate::units::Px;
+use crate::network::MapView;
+use crate::units::{LaserId, Px};
 use std::f64::consts::PI;
 
 /// The paper's chain, on a network's map if there is one.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct HoughDetector<'a> {
-    pub maps: Option<&'a FaceMaps>,
+    pub map: Option<MapView<'a>>,
+    /// If the map shows the stripes on this plane too, which are no edges of the face.
+    pub stripes_on: Option<&'a Plane<Cam>>,
 }
 
 /// Cells of the accumulator: half a degree and 4 px.
@@ -35,15 +39,23 @@ const ON_LINE_PX: f64 = 2.5;
 /// Localisation of one map pixel, px: half-resolution ridge with parabola.
 const SIGMA_PX: f64 = 0.7;
 
+/// Pixels of the map this near a stripe and parallel to it are its own, pixels of the map: a line there is 1.9 px wide.
+const STRIPE_PX: f64 = 2.0;
+/// How far along a pixel's line it is asked whether that is parallel to the stripe, pixels of the map, and how far it may be off there.
+const PARALLEL_PX: f64 = 6.0;
+const OFF_PARALLEL_PX: f64 = 3.5;
+
+/// A line of the picture, `rho = u cos(theta) + v sin(theta)`.
 #[derive(Clone, Copy, Debug)]
-struct Line {
-    rho_px: f64,
-    theta_rad: f64,
-    votes: f32,
+pub(crate) struct Line {
+    pub rho_px: f64,
+    pub theta_rad: f64,
+    pub votes: f32,
 }
 
 impl Line {
-    fn distance_px(&self, p: Px) -> f64 {
+    /// Signed distance of a pixel.
+    pub fn distance_px(&self, p: Px) -> f64 {
         p.u * self.theta_rad.cos() + p.v * self.theta_rad.sin() - self.rho_px
     }
 
@@ -64,16 +76,62 @@ impl EdgeDetector for HoughDetector<'_> {
         rough: &RoughRectangle,
         keep_out: &[(Px, f64)],
     ) -> [Vec<EdgePoint>; 4] {
-        // Frame px per map px, in those of the half-resolution map.
-        let (pixels, coarseness) = match self.maps {
-            Some(maps) => (edge_pixels_of_maps(maps), maps.px_per_raster_px() / 2.0),
+        let (mut pixels, coarseness) = match self.map {
+            Some(map) => (edge_pixels_of_map(map), coarseness(map)),
             None => (edge_pixels(frame), 1.0),
         };
-        let lines = cluster(peaks(&pixels, frame.width_px(), frame.height_px(), coarseness));
+        if let Some(plane) = self.stripes_on {
+            leave_out_stripes(&mut pixels, calibration, plane, coarseness);
+        }
+        let lines = lines(&pixels, frame, coarseness);
         [0, 1, 2, 3].map(|side| {
             side_points(calibration, rough, side, &pixels, &lines, keep_out, coarseness).unwrap_or_default()
         })
     }
+}
+
+/// Frame px per map px, in those of the half-resolution map.
+fn coarseness(map: MapView<'_>) -> f64 {
+    map.px_per_raster_px() / 2.0
+}
+
+/// The lines of a map that shows the face's edges and the stripes on its plane, and the pixels they are made of: those of no stripe.
+pub(crate) fn lines_beside_stripes(
+    frame: &Frame,
+    calibration: &Calibration,
+    plane: &Plane<Cam>,
+    map: MapView<'_>,
+) -> (Vec<Line>, Vec<EdgePixel>) {
+    let mut pixels = edge_pixels_of_map(map);
+    leave_out_stripes(&mut pixels, calibration, plane, coarseness(map));
+    (lines(&pixels, frame, coarseness(map)), pixels)
+}
+
+fn leave_out_stripes(
+    pixels: &mut Vec<EdgePixel>,
+    calibration: &Calibration,
+    plane: &Plane<Cam>,
+    coarseness: f64,
+) {
+    let unit = 2.0 * coarseness; // frame px of a pixel of the map
+    let near = |at: Px, laser: LaserId, limit_px: f64| {
+        let view = PxView::new(calibration, at);
+        residual_px(calibration, plane, laser, &view).is_some_and(|(off_px, _)| off_px.abs() < limit_px)
+    };
+    pixels.retain(|p| {
+        let (s, c) = f64::from(p.normal_rad).sin_cos();
+        let along = |by: f64| Px::new(p.at.u - s * by * unit, p.at.v + c * by * unit);
+        !LaserId::ALL.into_iter().any(|laser| {
+            near(p.at, laser, STRIPE_PX * unit)
+                && [-PARALLEL_PX, PARALLEL_PX]
+                    .into_iter()
+                    .all(|by| near(along(by), laser, OFF_PARALLEL_PX * unit))
+        })
+    });
+}
+
+fn lines(pixels: &[EdgePixel], frame: &Frame, coarseness: f64) -> Vec<Line> {
+    cluster(peaks(pixels, frame.width_px(), frame.height_px(), coarseness))
 }
 
 fn peaks(pixels: &[EdgePixel], width: usize, height: usize, coarseness: f64) -> Vec<Line> {

@@ -1,9 +1,9 @@
-//! Edge maps for the paper's chain, thinned to ridges: a network's map of the face's edges, or, without a network, the
-//! gradient of the tone at half resolution in units of its noise.
+//! Edge maps for the paper's chain, thinned to ridges: a network's map, or, without a network, the gradient of the tone at half
+//! resolution in units of its noise.
 
 use super::{noise_of, tone_half};
 use crate::image::Frame;
-use crate::network::{Channel, FaceMaps};
+use crate::network::MapView;
 use crate::units::Px;
 
 /// A pixel of the thinned map.
@@ -59,13 +59,12 @@ pub(crate) fn edge_pixels(frame: &Frame) -> Vec<EdgePixel> {
 }
 
 /// Probability from which a pixel of a network's map counts: half of what a certain edge has.
-const LEAST_PROBABILITY: f32 = 0.4;
+pub(crate) const LEAST_PROBABILITY: f32 = 0.4;
 
-/// All ridge pixels of a network's map of the face's edges.
-pub(crate) fn edge_pixels_of_maps(maps: &FaceMaps) -> Vec<EdgePixel> {
-    let [w, h] = maps.size();
-    let map = maps.channel(Channel::FaceEdge);
-    let at = |x: usize, y: usize| map[y * w + x];
+/// All ridge pixels of a network's map.
+pub(crate) fn edge_pixels_of_map(map: MapView<'_>) -> Vec<EdgePixel> {
+    let [w, h] = map.size();
+    let at = |x: usize, y: usize| map.values[y * w + x];
     let mut pixels = Vec::new();
     for y in 2..h.saturating_sub(2) {
         for x in 2..w.saturating_sub(2) {
@@ -87,7 +86,7 @@ pub(crate) fn edge_pixels_of_maps(maps: &FaceMaps) -> Vec<EdgePixel> {
             }
             let shift = f64::from(0.5 * (before - after) / (before + after - 2.0 * m));
             let place = (x as f64 + shift * dx as f64, y as f64 + shift * dy as f64);
-            pixels.push(EdgePixel { at: maps.px_from_raster(place.0, place.1), normal_rad });
+            pixels.push(EdgePixel { at: map.px_from_raster(place.0, place.1), normal_rad });
         }
     }
     pixels

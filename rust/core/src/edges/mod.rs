@@ -200,7 +200,7 @@ mod tests {
     }
 
     fn detectors() -> [(&'static str, &'static dyn EdgeDetector); 2] {
-        [("gradient", &GradientDetector), ("hough", &HoughDetector { maps: None })]
+        [("gradient", &GradientDetector), ("hough", &HoughDetector { map: None, stripes_on: None })]
     }
 
     #[test]

@@ -38,9 +38,9 @@ const NEAR: [f64; 5] = [4.0, 3.0, 2.5, 2.0, 1.5];
 const SAMPLES: usize = 48;
 
 /// A pixel of the maps on the plane.
-struct Spot {
-    at: OnPlane,
-    weight: f64,
+pub(crate) struct Spot {
+    pub at: OnPlane,
+    pub weight: f64,
 }
 
 /// Finds the rectangle. `None` if the maps show no face on this plane.
@@ -133,7 +133,8 @@ pub(crate) fn mask_at_border(maps: &FaceMaps) -> Option<(u8, Px)> {
     Some((cut.len() as u8, maps.px_from_raster(x as f64, y as f64)))
 }
 
-fn turned(at: OnPlane, angle: f64) -> OnPlane {
+/// Coordinates on the raster turned by an angle.
+pub(crate) fn turned(at: OnPlane, angle: f64) -> OnPlane {
     let (s, c) = angle.sin_cos();
     OnPlane::new(at.x * c + at.y * s, at.y * c - at.x * s)
 }
@@ -197,9 +198,9 @@ fn peaks(profile: &Profile) -> Vec<f64> {
 
 /// A rectangle: turned by an angle against the stripes, sides at offsets.
 #[derive(Clone, Copy)]
-struct Candidate {
-    angle: f64,
-    offsets_mm: [f64; 4],
+pub(crate) struct Candidate {
+    pub angle: f64,
+    pub offsets_mm: [f64; 4],
 }
 
 impl Candidate {
@@ -262,8 +263,8 @@ impl Candidate {
         both as f32 / either.max(1) as f32
     }
 
-    /// Least squares of angle and offsets to the edge pixels nearby.
-    fn fitted(mut self, edges: &[Spot], unit: f64) -> Self {
+    /// Least squares of angle and offsets to the edge pixels nearby; `unit` is a pixel of the maps, mm.
+    pub fn fitted(mut self, edges: &[Spot], unit: f64) -> Self {
         for near in NEAR {
             let mut normal = nalgebra::SMatrix::<f64, 5, 5>::zeros();
             let mut right = nalgebra::SVector::<f64, 5>::zeros();

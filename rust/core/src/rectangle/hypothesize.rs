@@ -189,17 +189,22 @@ fn agreement(distance: f64, sigma: f64) -> f64 {
     1.0 / (1.0 + (distance / (1.5 * sigma)).powi(2))
 }
 
-/// Where each stripe is to be followed when the maps have shown the face: a little beyond its two sides.
-pub(crate) fn limits(calibration: &Calibration, outline: &MapOutline) -> Option<Limits> {
-    let beyond = LIMIT_BEYOND_PX * outline.mm_per_px;
+/// Where each stripe is to be followed when the maps have shown the face (its sides' offsets on a raster): a little beyond its two sides.
+pub(crate) fn limits(
+    calibration: &Calibration,
+    raster: &PlaneRaster,
+    offsets_mm: &[f64; 4],
+    mm_per_px: f64,
+) -> Option<Limits> {
+    let beyond = LIMIT_BEYOND_PX * mm_per_px;
     let mut result = Vec::with_capacity(4);
     for id in LaserId::ALL {
         let mut pair = Vec::with_capacity(2);
         for (side, (across, high)) in SIDES.into_iter().enumerate() {
             if across.stripes().contains(&id) {
-                let offset = outline.offsets_mm[side] + if high { beyond } else { -beyond };
-                let along = crossing_on(calibration, &outline.raster, across, offset, id)?;
-                pair.push(outline.raster.pixel(calibration, across.at(offset, along))?);
+                let offset = offsets_mm[side] + if high { beyond } else { -beyond };
+                let along = crossing_on(calibration, raster, across, offset, id)?;
+                pair.push(raster.pixel(calibration, across.at(offset, along))?);
             }
         }
         result.push(pair.try_into().ok()?);
@@ -216,6 +221,15 @@ const RUNS_BEYOND: f64 = 0.7;
 const SUPPORT_FLUSH: f32 = 0.5;
 /// ... and where they do not and the network has an edge.
 const LEAST_BESIDE_MAP: f32 = 0.2;
+
+/// Whether the stripes end at each side, and do not both run on onto a flush neighbour.
+pub(crate) fn ends_seen(
+    calibration: &Calibration,
+    face: &FaceStripes,
+    raster: &PlaneRaster,
+) -> Option<[bool; 4]> {
+    Some(ends_by_side(calibration, face, raster)?.map(|pair| !pair.iter().all(|end| end.runs_on)))
+}
 
 /// The two stripe ends of each side.
 fn ends_by_side(

@@ -1,8 +1,9 @@
-//! The rectangle of a face on its plane: which one ([`hypothesize`], [`combine`]), its joint fit ([`refine`]), the paper's eight key
-//! points ([`key_points`]), the way from rounded to sharp edges ([`sharp_edge`], [`rounding`]), its sigmas ([`uncertainty`]), what the
+//! The rectangle of a face on its plane: which one ([`hypothesize`], [`combine`], in the paper's map [`hough_outline`]), its joint fit
+//! ([`refine`]), the paper's eight key points ([`key_points`]), the way from rounded to sharp edges ([`sharp_edge`], [`rounding`]), its sigmas ([`uncertainty`]), what the
 //! residuals tell ([`self_check`], [`surface`]), and the result (this file).
 
 mod combine;
+pub(crate) mod hough_outline;
 pub(crate) mod hypothesize;
 pub(crate) mod key_points;
 mod line_evidence;

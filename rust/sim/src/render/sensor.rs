@@ -31,7 +31,44 @@ pub struct Sensor {
     pub mosaic: bool,
 }
 
+/// How good the camera's pictures are, where an experiment sets it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Optics {
+    /// Lens, hand and light as one finds them.
+    #[default]
+    AsFound,
+    /// In focus, a still hand, plenty of light.
+    Sharp,
+    /// A little soft.
+    Usual,
+    /// Out of focus, moved during exposure, noisy.
+    Blurred,
+}
+
+/// A wider blur takes several passes of the kernel, whose seven taps hold 2.5 standard deviations of this one, px.
+const PASS_BLUR_PX: f32 = 1.2;
+
 impl Sensor {
+    /// The same sensor behind other optics.
+    #[must_use]
+    pub fn with_optics(self, optics: Optics) -> Self {
+        let (blur_px, path_px, noise, bloom) = match optics {
+            Optics::AsFound => return self,
+            Optics::Sharp => (0.55, 0.1, 0.6, 0.0),
+            Optics::Usual => (0.75, 0.3, 1.0, 0.015),
+            Optics::Blurred => (2.0, 2.0, 1.6, 0.035),
+        };
+        let length = self.motion_px[0].hypot(self.motion_px[1]).max(1e-3);
+        Self {
+            blur_px,
+            motion_px: self.motion_px.map(|p| p / length * path_px),
+            noise: self.noise * noise,
+            read: self.read * noise,
+            bloom,
+            ..self
+        }
+    }
+
     /// A perfect sensor: only the sRGB curve.
     #[must_use]
     pub const fn perfect() -> Self {
@@ -111,7 +148,8 @@ impl Sensor {
                 smear(plane, w, h, self.motion_px);
             }
             if self.blur_px > 0.0 {
-                soften(plane, w, h, self.blur_px);
+                let passes = (self.blur_px / PASS_BLUR_PX).powi(2).ceil().max(1.0);
+                (0..passes as usize).for_each(|_| soften(plane, w, h, self.blur_px / passes.sqrt()));
             }
         }
         for row in 0..h {
@@ -360,5 +398,34 @@ fn sharpen(planes: &[Vec<f32>; 3], w: usize, h: usize, strength: f32, out: &mut 
                 out[(y * w + x) * 3 + c] = (own + detail.clamp(-40.0, 40.0) + 0.5).clamp(0.0, 255.0) as u8;
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn worse_optics_make_a_point_wider_and_flat_grey_noisier() {
+        let (w, h) = (48, 48);
+        let of = |optics: Optics| {
+            let sensor = Sensor::random(&mut Rng::new(3, 0), 0.03).with_optics(optics);
+            let light = vec![V3::default(); w * h];
+            let (ids, depth, traces) = (Vec::new(), Vec::new(), Vec::new());
+            let mut film = Film { width: w, height: h, light, ids, depth, traces };
+            let spread = |film: &Film, sensor: &Sensor| sensor.develop(film, 1.0, &mut Rng::new(5, 0));
+            film.light.fill(crate::vec3::v3(0.3, 0.3, 0.3));
+            let grey = spread(&film, &sensor);
+            let mean = grey.iter().map(|x| f64::from(*x)).sum::<f64>() / grey.len() as f64;
+            let noise = grey.iter().map(|x| (f64::from(*x) - mean).powi(2)).sum::<f64>() / grey.len() as f64;
+            film.light.fill(V3::default());
+            film.light[24 * w + 24] = crate::vec3::v3(8.0, 8.0, 8.0);
+            let silent = Sensor { noise: 0.0, read: 0.0, mosaic: false, ..sensor };
+            let lit = spread(&film, &silent).chunks_exact(3).filter(|px| px[1] > 20).count();
+            (noise, lit)
+        };
+        let [sharp, usual, blurred] = [Optics::Sharp, Optics::Usual, Optics::Blurred].map(of);
+        assert!(sharp.0 < usual.0 && usual.0 < blurred.0, "{sharp:?}, {usual:?}, {blurred:?}");
+        assert!(sharp.1 < usual.1 && 2 * usual.1 < blurred.1, "{sharp:?}, {usual:?}, {blurred:?}");
     }
 }

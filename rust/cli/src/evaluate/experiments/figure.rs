@@ -1,6 +1,8 @@
 //! Figure 22: uncertainty against length.
 
-use super::Experiments;
+use super::Found;
+use super::plan::Table;
+use super::series::Series;
 use plotters::prelude::*; // in use for the calibration's report
 
 const SIZE_PX: (u32, u32) = (900, 560);
@@ -8,15 +10,24 @@ const SIZE_PX: (u32, u32) = (900, 560);
 const PAPER_MM: [(f64, f64); 2] = [(100.0, 0.52), (1800.0, 4.0)];
 
 /// Scatter of repeated shots and stated sigma of every side of the twins, with the paper's range.
-pub fn draw(found: &Experiments) -> Result<String, String> {
+pub fn draw(found: &Found) -> Result<String, String> {
     fn told(e: impl std::fmt::Display) -> String {
         e.to_string()
     }
-    let [orange, blue, green, _] = crate::calibrate::COLOURS;
+    let [orange, blue, green, red] = crate::calibrate::COLOURS;
     let of_way = |way: usize| {
-        let boxes = found.repeated.iter().chain(&found.boxes).flat_map(move |b| b.sides[way].iter());
-        found.poses.iter().flat_map(move |p| p.sides[way].iter()).chain(boxes)
+        [Table::Poses, Table::Repeated, Table::Boxes]
+            .into_iter()
+            .flat_map(|table| found.of(table))
+            .flat_map(move |(_, tallies)| &tallies[way].sides)
     };
+    let points = |way: usize, sigma_mm: fn(&Series) -> Option<f64>| {
+        of_way(way).filter_map(|s| Some((s.truth_mm, sigma_mm(s)?))).collect::<Vec<_>>()
+    };
+    let mut clouds = vec![(points(0, Series::stated_mm), green, "Fit: stated standard deviation".to_owned())];
+    for (way, ((_, name), colour)) in found.ways.iter().zip([blue, orange, red]).enumerate() {
+        clouds.insert(0, (points(way, Series::scatter_mm), colour, format!("{name}: scatter of shots")));
+    }
     let mut svg = String::new();
     {
         let area = SVGBackend::with_string(&mut svg, SIZE_PX).into_drawing_area();
@@ -39,18 +50,10 @@ pub fn draw(found: &Experiments) -> Result<String, String> {
             .map_err(told)?
             .label("the paper: 0.52 to 4.0")
             .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 14, y)], BLACK.stroke_width(2)));
-        let scatter = |way| of_way(way).filter_map(|s| Some((s.truth_mm, s.scatter_mm()?)));
-        let stated = of_way(0).filter_map(|s| Some((s.truth_mm, s.stated_mm()?)));
-        let dots = |points: Vec<(f64, f64)>, colour: RGBColor| {
-            points.into_iter().map(move |at| Circle::new(at, 4, colour.filled()))
-        };
-        for (points, colour, name) in [
-            (scatter(1).collect::<Vec<_>>(), orange, "key points: scatter of shots"),
-            (scatter(0).collect(), blue, "fit: scatter of shots"),
-            (stated.collect(), green, "fit: stated standard deviation"),
-        ] {
+        for (points, colour, name) in clouds {
+            let dots = points.into_iter().map(|at| Circle::new(at, 4, colour.filled()));
             chart
-                .draw_series(dots(points, colour))
+                .draw_series(dots)
                 .map_err(told)?
                 .label(name)
                 .legend(move |(x, y)| Circle::new((x + 7, y), 4, colour.filled()));

@@ -1,100 +1,122 @@
-//! `boxline evaluate --experiments`: the paper's experiments (section 4: Tables 3 to 5, figure 22, deformed boxes) repeated on
-//! rendered twins and on recordings, the product's way beside the paper's chain. Writes one page ([`page`]) and its picture
-//! ([`figure`]). Everything follows from the seed.
+//! `boxline evaluate --experiments`: the paper's experiments (section 4: Tables 3 to 5, figure 22, section 4.4) repeated on rendered
+//! twins and on recordings, the product's way beside the paper's. [`plan`] says what is measured, [`ledger`] keeps each shot beside
+//! the page, so that a run that was stopped goes on; from it come the page ([`page`]) and its picture ([`figure`]). Everything
+//! follows from the seed.
 
 mod figure;
+mod ledger;
 mod page;
+mod plan;
+mod series;
 
 use super::score::BoxScore;
-use super::shots::{Series, shot, stock};
+use super::shots::stock;
 use super::{Recorded, recordings_in};
 use crate::Finished;
 use crate::args::EvaluateArgs;
 use crate::input::Usage;
 use anyhow::Context;
+use boxline::network::{EdgeMapNetwork, Network};
 use boxline::{
-    EdgeMethod, Estimate, FaceOutcome, Frame, Method, Network, Outcome, Settings, StageTimes, measure_box,
+    EdgeMethod, FaceMeasurement, FaceOutcome, Frame, Method, Outcome, Settings, StageTimes, measure_box,
     measure_face,
 };
+use boxline_edgenet::{EdgeMapNet, EdgeNet, Options};
 use boxline_proto::json::read_calibration;
+use boxline_sim::recording::{full_frame_through, jpeg};
 use boxline_sim::rng::mix;
 use boxline_sim::world::Scene;
-use boxline_sim::world::twin::{Order, trembled, turned, twin};
+use boxline_sim::world::twin::trembled;
 use boxline_sim::{Head, Rng, Split, Stock};
 use indicatif::{ProgressBar, ProgressStyle};
-use nalgebra::Vector3;
+use ledger::Ledger;
+use plan::{Subject, Table, What};
+use rayon::prelude::*;
 use serde_json::{Value, json};
+use series::{Shot, Tally};
+use sha2::{Digest, Sha256};
+use std::num::NonZeroUsize;
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 
-/// The product's way, and the paper's: its edge map, Hough transform, clusters, eight key points.
-const WAYS: [(Method, EdgeMethod); 2] =
-    [(Method::Fit, EdgeMethod::Net), (Method::Keypoints, EdgeMethod::Hough)];
-/// Number of [`WAYS`].
-const N: usize = WAYS.len();
-
-/// Table 3: a face of 800 x 600 mm. The paper's poses are not known in numbers; these are roll, tilt and the tilt's axis, degrees.
-const FACE_MM: [f64; 2] = [800.0, 600.0];
-const POSES_DEG: [[f64; 3]; 9] = [
-    [45.0, 0.0, 0.0],
-    [45.0, 15.0, 0.0],
-    [45.0, 15.0, 90.0],
-    [45.0, 30.0, 0.0],
-    [45.0, 30.0, 90.0],
-    [-45.0, 15.0, 45.0],
-    [-45.0, 15.0, 135.0],
-    [-45.0, 30.0, 45.0],
-    [-38.0, 20.0, 180.0],
-];
-/// Tables 4 and 5: six boxes from the smallest to the largest, those of the recordings b01 to b06; three of them in Table 4.
-const BOXES_MM: [[f64; 3]; 6] = [
-    [143.4, 120.5, 100.0],
-    [550.6, 350.5, 300.0],
-    [800.0, 600.0, 500.0],
-    [1200.0, 900.0, 700.0],
-    [1500.0, 690.7, 570.5],
-    [1800.0, 900.0, 400.0],
-];
-const OF_TABLE_4: [usize; 3] = [0, 2, 5];
-/// Section 4.4: a box whose faces bulge (or dent) by so much, mm.
-const BENT_MM: [f64; 3] = [600.0, 400.0, 300.0];
-const BULGES_MM: [f32; 6] = [0.0, 2.0, 4.0, 8.0, -2.0, -4.0];
-/// Farthest from looking straight at a face of a box, degrees.
-const MOST_DEG: f64 = 25.0;
-
-/// A pose of the face in Table 3.
-struct Pose {
-    degrees: [f64; 3],
-    distance_mm: f64,
-    shots: u64,
-    /// Length and width, by way.
-    sides: [[Series; 2]; N],
+/// A way from the picture to the millimetre.
+struct Way {
+    /// In the csv: what its results follow from.
+    id: String,
+    /// On the page.
+    name: &'static str,
+    method: Method,
+    edges: EdgeMethod,
+    /// On the map of the paper's own network.
+    by_ihed: bool,
 }
 
-/// A box, measured several times in one place.
-struct Box3 {
-    shots: u64,
-    /// Length, width, height, by way.
-    sides: [[Series; 3]; N],
-    /// Shots with a warning, by way.
-    warned: [usize; N],
+/// The product's way, the paper's chain on the product's map, and the paper's own system if its network is given.
+fn ways(args: &EvaluateArgs) -> anyhow::Result<Vec<Way>> {
+    let way =
+        |id: &str, name, method, edges, by_ihed| Way { id: id.to_owned(), name, method, edges, by_ihed };
+    let mut ways = vec![
+        way("fit", "Fit", Method::Fit, EdgeMethod::Net, false),
+        way("keypoints", "Key points", Method::Keypoints, EdgeMethod::Hough, false),
+    ];
+    if let Some(path) = &args.ihed {
+        let id = format!("ihed {}", fingerprint(path)?);
+        ways.push(way(&id, "Paper's system", Method::Keypoints, EdgeMethod::Hough, true));
+    }
+    Ok(ways)
 }
 
-/// All that was found.
-struct Experiments {
-    poses: Vec<Pose>,
-    repeated: Vec<Box3>,
-    boxes: Vec<Box3>,
-    recorded: Vec<(String, [BoxScore; N])>,
-    bent: Vec<(f32, Box3)>,
+/// The first digits of a file's hash.
+fn fingerprint(path: &Path) -> anyhow::Result<String> {
+    let bytes = std::fs::read(path).with_context(|| format!("{}: cannot read", path.display()))?;
+    Ok(Sha256::digest(bytes)[..4].iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+/// The networks of one thread.
+struct Nets {
+    boxnet: EdgeNet,
+    ihed: Option<EdgeMapNet>,
+}
+
+impl Nets {
+    fn load(args: &EvaluateArgs, options: &Options) -> Result<Self, boxline::Error> {
+        let boxnet = match &args.network.model {
+            Some(path) => EdgeNet::from_path(path, options)?,
+            None => EdgeNet::embedded(options)?,
+        };
+        let ihed = args.ihed.as_deref().map(|path| EdgeMapNet::from_path(path, options)).transpose()?;
+        Ok(Self { boxnet, ihed })
+    }
+
+    fn settings(&self, way: &Way) -> Settings<'_> {
+        Settings {
+            method: way.method,
+            edges: way.edges,
+            network: Some(&self.boxnet as &dyn Network),
+            edge_map: self.ihed.as_ref().filter(|_| way.by_ihed).map(|net| net as &dyn EdgeMapNetwork),
+            ..Settings::default()
+        }
+    }
 }
 
 /// What does not change from shot to shot.
-struct Bench<'a> {
+struct Bench {
     head: Head,
     stock: Stock,
-    network: &'a dyn Network,
-    progress: ProgressBar,
+    /// One for each thread.
+    nets: Vec<Nets>,
+    ways: Vec<Way>,
     seed: u64,
+}
+
+/// All that was found.
+struct Found {
+    /// Of each way: id and name.
+    ways: Vec<(String, &'static str)>,
+    /// A tally for each way.
+    lines: Vec<(What, Vec<Tally>)>,
+    /// Recordings, a score for each way.
+    recorded: Vec<(String, Vec<BoxScore>)>,
 }
 
 /// Runs `boxline evaluate --experiments`.
@@ -102,24 +124,28 @@ pub fn evaluate(args: &EvaluateArgs, out: &Path) -> anyhow::Result<Finished> {
     if out.extension().is_none_or(|e| e != "md") {
         return Err(Usage(format!("{}: the page is an .md", out.display())).into());
     }
-    let network = args.network.load_anyway()?;
-    let shots = Shots::new(args.shots);
-    // Drawn on standard error, and only on a terminal.
-    let progress = ProgressBar::new(shots.frames())
-        .with_style(ProgressStyle::with_template("{bar:30} {pos}/{len} {elapsed} of {duration} {msg}")?);
+    // Shots are made side by side, so each network has one thread unless it is told.
+    let threads = args.network.threads.unwrap_or(NonZeroUsize::MIN);
+    let options = Options { threads, ..args.network.options() };
+    let nets = (0..rayon::current_num_threads()).map(|_| Nets::load(args, &options));
     let bench = Bench {
         head: Head::nominal()?,
         stock: stock(Split::HeldOut, args.photos.as_deref())?,
-        network: &network,
-        progress,
+        nets: nets.collect::<Result<_, _>>()?,
+        ways: ways(args)?,
         seed: args.seed,
     };
+    let model = args.network.model.as_deref().map_or_else(|| Ok("shipped".to_owned()), fingerprint)?;
+    let photos = bench.stock.photos.all.len();
+    let made_with = format!("seed {}, network {model}, {photos} photographs", args.seed);
+    let mut ledger = Ledger::open(&out.with_extension("csv"), &made_with)?;
+    let subjects = plan::subjects(&bench.head, &bench.stock, args.seed)?;
+    bench.shoot(&subjects, args.shots, &mut ledger)?;
     let mut recorded = Vec::new();
     for folder in &args.folders {
         recorded.extend(bench.recorded(folder)?);
     }
-    let found = bench.run(&shots, recorded)?;
-    bench.progress.finish_and_clear();
+    let found = bench.found(&subjects, args.shots, &ledger, recorded);
     let svg = out.with_extension("svg");
     let name = svg.file_name().unwrap_or_default().to_string_lossy().into_owned();
     write(&svg, &figure::draw(&found).map_err(anyhow::Error::msg)?)?;
@@ -127,7 +153,7 @@ pub fn evaluate(args: &EvaluateArgs, out: &Path) -> anyhow::Result<Finished> {
     let stdout = if args.json {
         found.json(args).to_string()
     } else {
-        format!("{}\n{}", out.display(), svg.display())
+        format!("{}\n{}\n{}", out.display(), svg.display(), out.with_extension("csv").display())
     };
     Ok(Finished { stdout, exit_code: 0 })
 }
@@ -136,182 +162,173 @@ fn write(path: &Path, text: &str) -> anyhow::Result<()> {
     std::fs::write(path, text).with_context(|| format!("{}: cannot write", path.display()))
 }
 
-/// How often each thing is shot.
-struct Shots {
-    pose: u64,
-    repeated: u64,
-    boxes: u64,
-    bent: u64,
+/// How often each line of a table is measured.
+fn shots_of(table: Table, at_most: Option<u64>) -> u64 {
+    table.papers_shots().min(at_most.unwrap_or(u64::MAX))
 }
 
-impl Shots {
-    /// The paper has 30 for each pose and 15 for each box of Table 4.
-    fn new(of_a_pose: u64) -> Self {
-        Self {
-            pose: of_a_pose,
-            repeated: of_a_pose.div_ceil(2),
-            boxes: of_a_pose.div_ceil(10),
-            bent: of_a_pose.div_ceil(10),
+impl Bench {
+    /// Makes the shots that the ledger lacks, on all cores.
+    fn shoot(&self, subjects: &[Subject], at_most: Option<u64>, ledger: &mut Ledger) -> anyhow::Result<()> {
+        let mut missing = Vec::new();
+        let mut total = 0;
+        for subject in subjects {
+            for shot in 0..shots_of(subject.what.table, at_most) {
+                total += 1;
+                let ways: Vec<&Way> = self
+                    .ways
+                    .iter()
+                    .filter(|way| ledger.shot(&subject.what, &way.id, shot).is_none())
+                    .collect();
+                if !ways.is_empty() {
+                    missing.push((subject, shot, ways));
+                }
+            }
         }
+        // Drawn on standard error, and only on a terminal.
+        let progress = ProgressBar::new(total)
+            .with_style(ProgressStyle::with_template(
+                "{bar:30} {pos}/{len} shots {elapsed}, {eta} left {msg}",
+            )?)
+            .with_position(total - missing.len() as u64);
+        progress.reset_eta();
+        let ledger = Mutex::new(ledger);
+        missing.par_iter().try_for_each(|(subject, shot, ways)| -> anyhow::Result<()> {
+            let nets = &self.nets[rayon::current_thread_index().unwrap_or(0)];
+            let found = self.shot(subject, *shot, ways, nets)?;
+            ledger.lock().unwrap_or_else(PoisonError::into_inner).add(&subject.what, *shot, found)?;
+            progress.set_message(format!("{}, {}", subject.what.table.word(), subject.what.name));
+            progress.inc(1);
+            Ok(())
+        })?;
+        progress.finish_and_clear();
+        Ok(())
     }
 
-    fn frames(&self) -> u64 {
-        let of = |things: usize, shots: u64| 2 * things as u64 * shots;
-        POSES_DEG.len() as u64 * self.pose
-            + of(OF_TABLE_4.len(), self.repeated)
-            + of(BOXES_MM.len(), self.boxes)
-            + of(BULGES_MM.len(), self.bent)
-    }
-}
-
-impl Bench<'_> {
-    fn run(&self, shots: &Shots, recorded: Vec<(String, [BoxScore; N])>) -> anyhow::Result<Experiments> {
-        let poses = self.poses(&POSES_DEG, shots.pose)?;
-        let mut repeated = Vec::new();
-        for index in OF_TABLE_4 {
-            self.progress.set_message(format!("Table 4, {:.0} mm", BOXES_MM[index][0]));
-            repeated.push(self.cuboid(40 + index as u64, BOXES_MM[index], 0.0, shots.repeated)?);
+    /// One shot, measured in some ways.
+    fn shot(
+        &self,
+        subject: &Subject,
+        shot: u64,
+        ways: &[&Way],
+        nets: &Nets,
+    ) -> anyhow::Result<Vec<(String, Shot)>> {
+        let mut rng = Rng::new(mix(self.seed ^ mix(subject.seed)), shot);
+        let scene = trembled(&mut rng, &self.head, &subject.scene);
+        let mut frames = Vec::with_capacity(2);
+        for (i, view) in subject.views(shot).iter().enumerate() {
+            let seed = mix(self.seed ^ mix((subject.seed << 32) + 2 * shot + i as u64));
+            frames.push(self.frame(&scene, *view, seed, subject)?);
         }
-        let mut boxes = Vec::new();
-        for (index, size_mm) in BOXES_MM.into_iter().enumerate() {
-            self.progress.set_message(format!("Table 5, {:.0} mm", size_mm[0]));
-            boxes.push(self.cuboid(50 + index as u64, size_mm, 0.0, shots.boxes)?);
-        }
-        let mut bent = Vec::new();
-        for bulge_mm in BULGES_MM {
-            self.progress.set_message(format!("bulge {bulge_mm} mm"));
-            // One box in one place: nothing else changes.
-            bent.push((bulge_mm, self.cuboid(60, BENT_MM, bulge_mm, shots.bent)?));
-        }
-        Ok(Experiments { poses, repeated, boxes, recorded, bent })
-    }
-
-    fn settings(&self, (method, edges): (Method, EdgeMethod)) -> Settings<'_> {
-        Settings { method, edges, network: Some(self.network), ..Settings::default() }
-    }
-
-    /// One box, looked at from all poses.
-    fn poses(&self, poses_deg: &[[f64; 3]], shots: u64) -> anyhow::Result<Vec<Pose>> {
-        let mut rng = Rng::new(self.seed, 0x7AB3);
-        let order = Order {
-            size_mm: Vector3::new(FACE_MM[0], 500.0, FACE_MM[1]),
-            bulge_mm: 0.0,
-            views: poses_deg.iter().map(|[roll, tilt, axis]| (3, turned(*roll, *tilt, *axis))).collect(),
-        };
-        let scene = self.twin(&mut rng, &order)?;
-        let mut poses = Vec::new();
-        for (index, degrees) in poses_deg.iter().enumerate() {
-            self.progress.set_message(format!("Table 3, pose {}", index + 1));
-            let mut sides = [(); N].map(|()| FACE_MM.map(Series::new));
-            for n in 0..shots {
-                let shaken = trembled(&mut rng, &self.head, &scene);
-                let frame = self.frame(&shaken, index, 0x7AB3_0000 + n)?;
-                for (way, series) in WAYS.iter().zip(&mut sides) {
-                    let outcome = measure_face(
-                        &frame,
-                        &self.head.calibration,
-                        &self.settings(*way),
-                        &mut StageTimes::new(),
-                    )?;
-                    if let FaceOutcome::Measured(face) = outcome {
-                        add(series, [face.length, face.width]);
+        let mut found = Vec::with_capacity(ways.len());
+        for way in ways {
+            let (settings, calibration) = (nets.settings(way), &self.head.calibration);
+            let became = match &frames[..] {
+                [first, second] => {
+                    let report = measure_box(first, second, calibration, &settings, &mut StageTimes::new())?;
+                    match report.outcome {
+                        Outcome::Measured(m) => Shot::Measured {
+                            sides: vec![m.length, m.width, m.height],
+                            warned: !report.warnings.is_empty() || report.faces.iter().any(has_warnings),
+                        },
+                        Outcome::Ambiguous(_) => Shot::Refused("ambiguous".into()),
+                        Outcome::Rejected(reject) => Shot::Refused(reject.reason().into()),
                     }
                 }
-            }
-            let distance_mm = boxline_sim::truth::face_of(&scene, &scene.views[index])
-                .map_or(f64::NAN, |face| face.centre.norm());
-            poses.push(Pose { degrees: *degrees, distance_mm, shots, sides });
-        }
-        Ok(poses)
-    }
-
-    /// A box in one place, both faces shot again and again: its front is length x width, its right side height x width.
-    fn cuboid(&self, purpose: u64, size_mm: [f64; 3], bulge_mm: f32, shots: u64) -> anyhow::Result<Box3> {
-        let mut rng = Rng::new(self.seed, 0x7AB4_0000 + purpose);
-        let mut turned = || boxline_sim::pose::random_orientation(&mut rng, true, MOST_DEG);
-        let views = vec![(3, turned()), (0, turned())];
-        let [length, width, height] = size_mm;
-        let order = Order { size_mm: Vector3::new(length, height, width), bulge_mm, views };
-        let scene = self.twin(&mut rng, &order)?;
-        let mut found = Box3 { shots, sides: [(); N].map(|()| size_mm.map(Series::new)), warned: [0; N] };
-        for n in 0..shots {
-            let shaken = trembled(&mut rng, &self.head, &scene);
-            let seed = (purpose << 32) + 2 * n;
-            let frames = [self.frame(&shaken, 0, seed)?, self.frame(&shaken, 1, seed + 1)?];
-            for (i, way) in WAYS.into_iter().enumerate() {
-                let report = measure_box(
-                    &frames[0],
-                    &frames[1],
-                    &self.head.calibration,
-                    &self.settings(way),
-                    &mut StageTimes::new(),
-                )?;
-                if let Outcome::Measured(m) = report.outcome {
-                    add(&mut found.sides[i], [m.length, m.width, m.height]);
-                    let of_faces = report
-                        .faces
-                        .iter()
-                        .any(|face| matches!(face, FaceOutcome::Measured(face) if !face.warnings.is_empty()));
-                    found.warned[i] += usize::from(of_faces || !report.warnings.is_empty());
-                }
-            }
+                [frame] => match measure_face(frame, calibration, &settings, &mut StageTimes::new())? {
+                    FaceOutcome::Measured(face) => Shot::Measured {
+                        sides: vec![face.length, face.width],
+                        warned: face_has_warnings(&face),
+                    },
+                    FaceOutcome::Rejected(reject) => Shot::Refused(reject.reason().into()),
+                },
+                _ => anyhow::bail!("{}: a shot has one view or two", subject.what.name),
+            };
+            found.push((way.id.clone(), became));
         }
         Ok(found)
     }
 
-    fn twin(&self, rng: &mut Rng, order: &Order) -> anyhow::Result<Scene> {
-        twin(rng, &self.head, order, &self.stock).with_context(|| {
-            format!("no place for the twin of {:?} mm with this seed", order.size_mm.as_slice())
-        })
-    }
-
-    fn frame(&self, scene: &Scene, view: usize, number: u64) -> anyhow::Result<Frame> {
-        let frame = shot(&self.head, scene, &scene.views[view], mix(self.seed ^ mix(number)), &self.stock);
-        self.progress.inc(1);
-        frame
+    /// A full frame through the camera's JPEG.
+    fn frame(&self, scene: &Scene, view: usize, seed: u64, subject: &Subject) -> anyhow::Result<Frame> {
+        let view = &scene.views[view];
+        let rgb = full_frame_through(&self.head, scene, view, true, seed, &self.stock, subject.optics);
+        Ok(Frame::from_jpeg(&jpeg(&rgb, seed)?)?)
     }
 
     /// Recordings of boxes, measured in each way.
-    fn recorded(&self, folder: &Path) -> anyhow::Result<Vec<(String, [BoxScore; N])>> {
+    fn recorded(&self, folder: &Path) -> anyhow::Result<Vec<(String, Vec<BoxScore>)>> {
         let mut found = Vec::new();
         for (recording, truth) in recordings_in(folder)? {
             let calibration = read_calibration(&recording.calibration_file)?;
             let recorded = Recorded::read(&recording, &truth)?;
-            self.progress.set_message(recorded.name.clone());
-            let mut boxes = Vec::with_capacity(N);
-            for way in WAYS {
-                boxes.extend(recorded.judge(&calibration, &self.settings(way), way.0)?.cuboid);
+            let mut boxes = Vec::with_capacity(self.ways.len());
+            for way in &self.ways {
+                let settings = self.nets[0].settings(way);
+                boxes.extend(recorded.judge(&calibration, &settings, way.method)?.cuboid);
             }
-            if let Ok(boxes) = boxes.try_into() {
+            if !boxes.is_empty() {
                 found.push((recorded.name.clone(), boxes));
             }
         }
         Ok(found)
     }
-}
 
-fn add<const SIDES: usize>(series: &mut [Series; SIDES], values: [Estimate; SIDES]) {
-    for (series, value) in series.iter_mut().zip(values) {
-        series.values.push(value);
+    fn found(
+        &self,
+        subjects: &[Subject],
+        at_most: Option<u64>,
+        ledger: &Ledger,
+        recorded: Vec<(String, Vec<BoxScore>)>,
+    ) -> Found {
+        let line = |subject: &Subject| {
+            let tally = |way: &Way| {
+                let shots = 0..shots_of(subject.what.table, at_most);
+                Tally::new(&subject.what, shots.filter_map(|shot| ledger.shot(&subject.what, &way.id, shot)))
+            };
+            (subject.what.clone(), self.ways.iter().map(tally).collect())
+        };
+        Found {
+            ways: self.ways.iter().map(|way| (way.id.clone(), way.name)).collect(),
+            lines: subjects.iter().map(line).collect(),
+            recorded,
+        }
     }
 }
 
-impl Experiments {
+fn has_warnings(face: &FaceOutcome) -> bool {
+    matches!(face, FaceOutcome::Measured(face) if face_has_warnings(face))
+}
+
+fn face_has_warnings(face: &FaceMeasurement) -> bool {
+    !face.warnings.is_empty()
+}
+
+impl Found {
+    /// The lines of a table.
+    fn of(&self, table: Table) -> impl Iterator<Item = &(What, Vec<Tally>)> + Clone {
+        self.lines.iter().filter(move |(what, _)| what.table == table)
+    }
+
     fn json(&self, args: &EvaluateArgs) -> Value {
-        fn ways<const SIDES: usize>(sides: &[[Series; SIDES]; N]) -> Value {
-            let of = |series: &[Series; SIDES]| series.iter().map(Series::json).collect::<Vec<_>>();
-            json!({"fit": of(&sides[0]), "keypoints": of(&sides[1])})
-        }
-        let cuboid = |b: &Box3| json!({"shots": b.shots, "sides": ways(&b.sides), "warned": b.warned});
+        let by_way = |tallies: &[Tally]| -> Value {
+            self.ways.iter().zip(tallies).map(|((id, _), tally)| (id.clone(), tally.json())).collect()
+        };
+        let line = |(what, tallies): &(What, Vec<Tally>)| {
+            json!({
+                "table": what.table.word(), "what": what.name, "true_mm": what.sides_mm,
+                "distance_mm": what.distance_mm, "ways": by_way(tallies),
+            })
+        };
+        let recorded = |(name, scores): &(String, Vec<BoxScore>)| {
+            let errors: Value =
+                self.ways.iter().zip(scores).map(|((id, _), s)| (id.clone(), json!(s.errors_mm()))).collect();
+            json!({"name": name, "error_mm": errors})
+        };
         json!({
             "seed": args.seed,
-            "table_3": self.poses.iter().map(|p| json!({"roll_tilt_axis_deg": p.degrees, "distance_mm": p.distance_mm,
-                "shots": p.shots, "sides": ways(&p.sides)})).collect::<Vec<_>>(),
-            "table_4": self.repeated.iter().map(cuboid).collect::<Vec<_>>(),
-            "table_5": self.boxes.iter().map(cuboid).collect::<Vec<_>>(),
-            "recorded": self.recorded.iter().map(|(name, ways)| json!({"name": name,
-                "fit_error_mm": ways[0].errors_mm(), "keypoints_error_mm": ways[1].errors_mm()})).collect::<Vec<_>>(),
-            "bent": self.bent.iter().map(|(bulge, b)| json!({"bulge_mm": bulge, "box": cuboid(b)})).collect::<Vec<_>>(),
+            "lines": self.lines.iter().map(line).collect::<Vec<_>>(),
+            "recorded": self.recorded.iter().map(recorded).collect::<Vec<_>>(),
         })
     }
 }
@@ -319,43 +336,50 @@ impl Experiments {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use boxline_edgenet::{EdgeNet, Options};
     use clap::Parser;
 
+    fn args(words: &[&str]) -> EvaluateArgs {
+        let all = [&["boxline", "evaluate", "--experiments", "--out", "rust/EXPERIMENTS.md"], words].concat();
+        match crate::args::Args::parse_from(all).command {
+            crate::args::Command::Evaluate(args) => args,
+            _ => panic!("another command"),
+        }
+    }
+
     #[test]
-    fn a_small_run_measures_what_it_rendered_and_says_so_on_the_page() {
-        let network = EdgeNet::embedded(&Options::default()).unwrap();
+    fn shots_are_made_once_are_the_same_again_and_are_right() {
+        let args = args(&["--shots", "2"]);
+        let options = Options { threads: NonZeroUsize::MIN, ..args.network.options() };
+        let threads = rayon::current_num_threads();
         let bench = Bench {
             head: Head::nominal().unwrap(),
             stock: stock(Split::HeldOut, None).unwrap(),
-            network: &network,
-            progress: ProgressBar::hidden(),
+            nets: (0..threads).map(|_| Nets::load(&args, &options).unwrap()).collect(),
+            ways: ways(&args).unwrap(),
             seed: 1,
         };
-        let poses = bench.poses(&POSES_DEG[..1], 2).unwrap();
-        let bent = bench.cuboid(60, BENT_MM, 0.0, 1).unwrap();
-        let measured: usize = poses[0].sides[0][0].values.len() + bent.sides[0][0].values.len();
-        assert!(measured > 0, "nothing measured of three");
-        for series in poses[0].sides[0].iter().chain(&bent.sides[0]) {
-            assert!(series.worst_mm().is_none_or(|worst| worst < 5.0), "{series:?}");
-        }
-        let again = bench.poses(&POSES_DEG[..1], 2).unwrap();
-        let values = |p: &Pose| p.sides.each_ref().map(|way| way.each_ref().map(|s| s.values.clone()));
-        assert_eq!(values(&again[0]), values(&poses[0]), "the same seed, another result");
+        let mut subjects = plan::subjects(&bench.head, &bench.stock, 1).unwrap();
+        assert_eq!(subjects.len(), 9 + 3 + 6 + 9 + 6);
+        subjects.truncate(1); // straight on
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("page.csv");
+        let mut ledger = Ledger::open(&path, "test").unwrap();
+        bench.shoot(&subjects, Some(1), &mut ledger).unwrap();
+        let first = ledger.shot(&subjects[0].what, "fit", 0).unwrap().clone();
+        let mut ledger = Ledger::open(&path, "test").unwrap();
+        bench.shoot(&subjects, args.shots, &mut ledger).unwrap();
+        assert_eq!(ledger.shot(&subjects[0].what, "fit", 0), Some(&first));
+        assert_ne!(ledger.shot(&subjects[0].what, "fit", 1), Some(&first), "another shot is another picture");
+        let again = bench.shot(&subjects[0], 0, &[&bench.ways[0]], &bench.nets[0]).unwrap();
+        assert_eq!(again, [("fit".to_owned(), first)], "the same shot, another result");
 
-        let found = Experiments {
-            poses,
-            repeated: Vec::new(),
-            boxes: Vec::new(),
-            recorded: Vec::new(),
-            bent: vec![(0.0, bent)],
-        };
-        let words = ["boxline", "evaluate", "--experiments", "--out", "rust/EXPERIMENTS.md", "--shots", "2"];
-        let crate::args::Command::Evaluate(args) = crate::args::Args::parse_from(words).command else {
-            panic!()
-        };
+        let found = bench.found(&subjects, args.shots, &ledger, Vec::new());
+        let (_, tallies) = found.of(Table::Poses).next().unwrap();
+        for (tally, (_, way)) in tallies.iter().zip(&found.ways) {
+            assert_eq!((tally.shots, tally.measured(), tally.wrong), (2, 2, 0), "{way}: {tally:?}");
+        }
         let page = page::text(&found, &args, "EXPERIMENTS.svg");
-        for expected in ["## Table 3", "--shots 2 --seed 1", "EXPERIMENTS.svg", "600 x 400 x 300"] {
+        for expected in ["## Table 3", "straight on", "--shots 2 --seed 1", "EXPERIMENTS.svg", "| 2 of 2 |"] {
             assert!(page.contains(expected), "{expected} is missing in\n{page}");
         }
         assert!(figure::draw(&found).unwrap().contains("<svg"));

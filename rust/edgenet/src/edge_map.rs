@@ -1,0 +1,50 @@
+//! The paper's kind of network (HED, IHED): a frame in, one map of stripes and edges out.
+
+use crate::engine::{Engine, Options};
+use crate::{State, read};
+use boxline::network::{EdgeMap, EdgeMapNetwork};
+use boxline::{Error, ErrorKind, Frame};
+use std::path::Path;
+use std::sync::{Mutex, PoisonError};
+
+/// A loaded network of the paper's kind. One frame at a time, as [`crate::EdgeNet`].
+pub struct EdgeMapNet {
+    state: Mutex<State>,
+}
+
+impl EdgeMapNet {
+    /// A network from an ONNX file that turns 1 x 3 x height x width values into 1 x 1 x rows x columns
+    /// (`training/export.py` writes them).
+    ///
+    /// # Errors
+    /// As [`crate::EdgeNet::from_path`].
+    pub fn from_path(path: &Path, options: &Options) -> Result<Self, Error> {
+        let load = || Self::from_engine(Engine::load(&read(path)?, options)?);
+        load().map_err(|e| e.in_context(path.display()))
+    }
+
+    pub(crate) fn from_engine(engine: Engine) -> Result<Self, Error> {
+        let [_, maps, ..] = engine.output_shape();
+        if maps != 1 {
+            let text = format!("the network gives {maps} maps, the paper's gives one");
+            return Err(Error::new(ErrorKind::ModelFile, text));
+        }
+        Ok(Self { state: Mutex::new(State::new(engine)) })
+    }
+}
+
+impl EdgeMapNetwork for EdgeMapNet {
+    fn edge_map(&self, frame: &Frame) -> Result<EdgeMap, Error> {
+        // A run that panicked leaves buffers half written, and the next run writes them anew.
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        let (values, [columns, rows]) = state.probabilities(frame)?;
+        EdgeMap::new(columns, rows, [frame.width_px(), frame.height_px()], values)
+            .ok_or_else(|| Error::new(ErrorKind::ModelFile, "the network's map is too small"))
+    }
+}
+
+impl std::fmt::Debug for EdgeMapNet {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("EdgeMapNet")
+    }
+}
