@@ -134,37 +134,6 @@ fn senseless_command_lines_are_refused() {
 
 #[test]
 fn simulated_boxes_are_judged_without_a_folder() {
-<<<<<<< ours
-    let run = || {
-        boxline(&[
-            "evaluate",
-            "--simulate",
-            "1",
-            "--seed",
-            "3",
-            "--edges",
-            "gradient",
-            "--method",
-            "both",
-            "--json",
-        ])
-    };
-    let (first, again) = (run(), run());
-    assert_eq!(first.status.code(), Some(0), "{}", String::from_utf8_lossy(&first.stderr));
-    assert_eq!(first.stdout, again.stdout, "the same seed, another result");
-    let found: Value = serde_json::from_slice(&first.stdout).unwrap();
-    assert_eq!((found["simulated"].as_str(), found["boxes"].as_u64()), (Some("rendered"), Some(1)));
-    for method in found["methods"].as_array().unwrap() {
-        let refused: u64 = method["refused"].as_object().unwrap().values().map(|n| n.as_u64().unwrap()).sum();
-        let ambiguous =
-            ["rightly", "undecided"].iter().map(|k| method["ambiguous"][k].as_u64().unwrap()).sum::<u64>();
-        let measured = method["measured"].as_u64().unwrap();
-        assert_eq!(measured + refused + ambiguous, 1, "{method}");
-        let of_classes: u64 =
-            method["classes"].as_array().unwrap().iter().map(|c| c["sides"]["count"].as_u64().unwrap()).sum();
-        assert_eq!(of_classes, 3 * measured);
-    }
-=======
     let folder = tempfile::tempdir().unwrap();
     let (in_memory, from_folder) = (folder.path().join("memory.csv"), folder.path().join("folder.csv"));
     let made = ["--seed", "3", "--hazards", "film,edge_print"];
@@ -187,7 +156,6 @@ fn simulated_boxes_are_judged_without_a_folder() {
     let run = boxline(&[&["render", "--held-out", "--out", text(&out)], &made[..]].concat());
     assert_eq!(run.status.code(), Some(0), "{}", String::from_utf8_lossy(&run.stderr));
     assert_eq!(scored(&[text(&out)], &from_folder).1, row);
->>>>>>> theirs
 
     for wrong in [
         vec!["evaluate", "--simulate", "1", "folder"],
