@@ -77,6 +77,8 @@ fn a_truth_tells_what_is_hard_about_a_face() {
         distance_mm: Some(900.5),
         angle_to_normal_deg: Some(31.0),
         edge_radius_mm: Some(2.5),
+        bulge_mm: Some(0.0),
+        wave_mm: None,
     };
     assert_eq!(face.notes, notes);
     let mut broken = truth.clone();
