@@ -131,7 +131,7 @@ fn senseless_command_lines_are_refused() {
 fn simulated_boxes_are_judged_without_a_folder() {
     let folder = tempfile::tempdir().unwrap();
     let (in_memory, from_folder) = (folder.path().join("memory.csv"), folder.path().join("folder.csv"));
-    let made = ["--seed", "3", "--hazards", "edge_print,film"];
+    let made = ["--seed", "3", "--hazards", "film,edge_print"];
     let scored = |sources: &[&str], rows: &Path| {
         let arguments =
             [&["evaluate", "--edges", "gradient", "--json", "--csv", text(rows)], sources].concat();
@@ -145,7 +145,7 @@ fn simulated_boxes_are_judged_without_a_folder() {
         (found, first.splitn(3, ',').nth(2).unwrap().rsplit_once(',').unwrap().0.to_owned())
     };
     let (found, row) = scored(&[&["--simulate", "1"], &made[..]].concat(), &in_memory);
-    assert_eq!(found["parts"][0]["made"]["hazards"], "edge_print,film");
+    assert_eq!(found["parts"][0]["made"]["hazards"], "film,edge_print");
     assert_eq!(found["parts"][0]["seeds"], serde_json::json!([3, 3]));
     let out = folder.path().join("rendered");
     let run = boxline(&[&["render", "--held-out", "--out", text(&out)], &made[..]].concat());

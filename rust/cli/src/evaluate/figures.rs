@@ -24,7 +24,7 @@ pub fn reliability(confidence: &Confidence) -> Result<String, String> {
             .map_err(told)?;
         chart
             .configure_mesh()
-            .light_line_style(WHITE)
+            .max_light_lines(0)
             .x_desc("stated probability")
             .y_desc("share right")
             .draw()
@@ -71,7 +71,7 @@ pub fn risk(confidence: &Confidence) -> Result<String, String> {
             .map_err(told)?;
         chart
             .configure_mesh()
-            .light_line_style(WHITE)
+            .max_light_lines(0)
             .x_desc("measured, % of the measurable")
             .y_desc("wrong, % of the measured")
             .draw()

@@ -3,7 +3,7 @@
 use super::cause::Cause;
 use super::rows::Made;
 use super::statistics::Share;
-use super::summary::{Confidence, Errors, Group, Summary};
+use super::summary::{Confidence, Errors, Group, Summary, Wrong};
 
 /// Limits on the probability that are tabled.
 const LIMITS: [f64; 9] = [0.3, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99];
@@ -38,7 +38,7 @@ pub fn text(parts: &[(Summary, Option<Pictures>)], note: Option<&str>) -> String
 fn part(summary: &Summary, pictures: Option<&Pictures>) -> String {
     let made = &summary.made;
     let things = if matches!(made.source.as_str(), "box" | "twins" | "folders") { "boxes" } else { "faces" };
-    let mut text = format!("## {}\n\n{}\n", title(made), how(summary));
+    let mut text = format!("## {}\n\n{}", title(made), how(summary));
     let m = &summary.measurable;
     if let (Some(measured), Some(wrong), Some(ambiguous), Some(refused)) =
         (m.measured, m.wrong, m.ambiguous, m.refused)
@@ -78,7 +78,7 @@ fn part(summary: &Summary, pictures: Option<&Pictures>) -> String {
     let far = &summary.out_of_range;
     if far.count > 0 {
         text.push_str(&format!(
-            "\nBeyond {things} in range: {} farther than 2.5 m, of which {} refused and {} measured, {} wrong.\n",
+            "\nOut of range: {} {things} farther away than 2.5 m, of which {} were refused and {} measured, {} of them wrong.\n",
             far.count, far.refused, far.answered, far.wrong
         ));
     }
@@ -95,8 +95,7 @@ fn part(summary: &Summary, pictures: Option<&Pictures>) -> String {
                     number(w.error_mm, 1),
                     number(w.sigma_mm, 2),
                     number(w.confidence, 3),
-                    w.due.as_ref().map_or_else(String::new, |due| format!("refusal due: {due}; "))
-                        + w.cause.map_or("", Cause::words),
+                    why(w),
                     w.hazards.clone(),
                 ]
             })
@@ -193,6 +192,14 @@ fn how(summary: &Summary) -> String {
         "Method {}, edges {}, network {}, boxline {}.\n",
         made.method, made.edges, made.network, made.program
     )
+}
+
+/// In what way it is wrong, and the cause.
+fn why(wrong: &Wrong) -> String {
+    let due = wrong.due.as_ref().map(|due| format!("refusal due: {due}"));
+    let ambiguous = wrong.ambiguous.then(|| "neither of two boxes".to_owned());
+    let cause = wrong.cause.map(|cause| cause.words().to_owned());
+    due.into_iter().chain(ambiguous).chain(cause).collect::<Vec<_>>().join("; ")
 }
 
 fn stated(confidence: &Confidence, pictures: Option<&Pictures>) -> String {

@@ -67,6 +67,8 @@ pub struct Wrong {
     pub frames: String,
     /// A refusal was due, for this reason.
     pub due: Option<String>,
+    /// Two boxes were told to be possible, and neither is right.
+    pub ambiguous: bool,
     /// Of the side that is farthest off, if there is a true one.
     pub error_mm: Option<f64>,
     pub sigma_mm: Option<f64>,
@@ -254,6 +256,7 @@ fn wrong(subject: &Subject<'_>) -> Wrong {
         name: first.name.clone(),
         frames: first.frames.clone(),
         due: (!subject.is_measurable()).then(|| first.due_reason.clone()),
+        ambiguous: subject.is(Answer::Ambiguous),
         error_mm: worst.and_then(|row| row.error_mm),
         sigma_mm: worst.and_then(|row| row.sigma_mm),
         confidence: first.confidence,
