@@ -10,6 +10,7 @@ mod file;
 mod recording;
 mod report;
 mod truth;
+mod wrong;
 
 pub use calibration::{calibration_json, parse_calibration, read_calibration};
 pub use file::write_json;
@@ -17,3 +18,4 @@ pub(crate) use recording::resolved_path;
 pub use recording::{Laser, RecordedFrame, Recording, Role, parse_recording, read_recording, recording_json};
 pub use report::{face_json, report_json};
 pub use truth::{Board, Truth, TruthFace, parse_board, parse_truth, read_board, read_truth};
+pub use wrong::{is_wrong_box, is_wrong_side};

@@ -34,6 +34,8 @@ pub struct TruthFace {
     pub refuse: Option<String>,
     /// The light: `office`, `sun`, ...
     pub ambient: Option<String>,
+    /// The corners were clicked on a photograph, to so many px (`notes.click_px`): they tell lines, not millimetres.
+    pub clicked_px: Option<f64>,
 }
 
 /// Reads `truth.json` of a folder; `None` if there is none.
@@ -87,6 +89,10 @@ fn truth_face(face: &Field<'_>) -> Result<TruthFace, Error> {
         key_points_px,
         refuse: text("refuse")?,
         ambient: text("ambient")?,
+        clicked_px: match face.optional("notes")? {
+            Some(notes) => notes.optional("click_px")?.map(|f| f.positive()).transpose()?,
+            None => None,
+        },
     })
 }
 

@@ -48,12 +48,13 @@ Examples:
   boxline evaluate --edges
   boxline evaluate tests/data --edges --model boxnet.onnx
   boxline evaluate --simulate 60 --photos photos
+  boxline evaluate tests/data --perturb
   boxline evaluate tests/data --experiments --out rust/EXPERIMENTS.md
 
 Reads folders that hold recording.json and truth.json, or parents of such folders. A recording whose truth has a box is
 measured as a pair of frames; any other recording frame by frame. Measuring where a refusal was due, and refusing where a
-measurement was due, is flagged as WRONG. --simulate measures rendered boxes that training never shows, --experiments repeats the paper's
-experiments on rendered twins. Exit codes: 0 the evaluation ran, whatever it found; 2 broken input or usage.")]
+measurement was due, is flagged as WRONG. --simulate measures rendered boxes that training never shows, --perturb
+changes pictures in ways that leave the sizes as they are, --experiments repeats the paper's experiments on rendered twins. Exit codes: 0 the evaluation ran, whatever it found; 2 broken input or usage.")]
     Evaluate(EvaluateArgs),
     /// Calibrates camera and lasers of a head from frames of the circle board
     #[command(after_help = "\
@@ -219,7 +220,20 @@ pub struct EvaluateArgs {
     /// Shots of each pose in --experiments; half as many of each box
     #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=10_000))]
     pub shots: u64,
-    /// Seed of --simulate and --experiments
+    /// Measure each recording again after changes that leave the sizes as they are: JPEG quality, light, noise, blur, bars, a date,
+    /// paint on the face. Tells by how many sigmas sides move and what becomes wrong
+    #[arg(long, conflicts_with_all = ["simulate", "experiments"])]
+    pub perturb: bool,
+    /// Write what --perturb measured, one row a side
+    #[arg(long, value_name = "FILE", requires = "perturb")]
+    pub csv: Option<PathBuf>,
+    /// Put the result of --perturb into a page, in the place of its section (.md)
+    #[arg(long, value_name = "PAGE", requires = "perturb")]
+    pub report: Option<PathBuf>,
+    /// A picture of every result of --perturb that is wrong
+    #[arg(long, value_name = "FOLDER", requires = "perturb")]
+    pub overlays: Option<PathBuf>,
+    /// Seed of --simulate, --experiments and the noise of --perturb
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// Print one JSON object

@@ -2,6 +2,7 @@
 //!
 //! One direction: [`rng`] → [`head`] (a calibration and its beams) → [`pose`] (where the head may stand) → [`stock`] (materials
 //! of the training or the held-out split) → [`world`] (boxes, stands, rooms, light) → [`render`] (film, then sensor) → [`truth`] and [`labels`] → [`recording`] and [`stream`].
+//! [`perturb`] changes finished frames in ways that leave the sizes as they are.
 //! [`points`] draws boxes without pictures, to ask whether sigmas are true.
 //! Everything follows from a seed: the same seed gives the same bytes. Positions are mm; the raster is core's
 //! (pixel centres at integers). Nothing here is part of the measuring program's results.
@@ -12,6 +13,7 @@ pub mod hazard;
 pub mod head;
 pub mod labels;
 pub mod material;
+pub mod perturb;
 pub mod photos;
 pub mod points;
 pub mod pose;

@@ -4,6 +4,8 @@
 mod experiments;
 #[cfg(feature = "render")]
 mod maps;
+#[cfg(feature = "render")]
+mod perturb;
 mod score;
 #[cfg(feature = "render")]
 mod shots;
@@ -28,7 +30,7 @@ pub use tables::table;
 
 /// Runs `boxline evaluate`.
 pub fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Finished> {
-    if args.experiments || args.simulate.is_some() || args.edges == Some(None) {
+    if args.experiments || args.simulate.is_some() || args.perturb || args.edges == Some(None) {
         return rendered(args);
     }
     let edges = args.edges.flatten().unwrap_or_default();
@@ -75,13 +77,14 @@ fn rendered(args: &EvaluateArgs) -> anyhow::Result<Finished> {
     match (&args.out, args.simulate) {
         (Some(page), _) if args.experiments => experiments::evaluate(args, page),
         (_, Some(boxes)) => simulated::evaluate(args, boxes),
+        _ if args.perturb => perturb::evaluate(args),
         _ => maps::evaluate(args),
     }
 }
 
 #[cfg(not(feature = "render"))]
 fn rendered(_: &EvaluateArgs) -> anyhow::Result<Finished> {
-    let text = "--edges without a name, --simulate and --experiments need rendered frames, which this program was built without";
+    let text = "--edges without a name, --simulate, --perturb and --experiments need the renderer, which this program was built without";
     Err(Usage(text.into()).into())
 }
 
