@@ -27,13 +27,25 @@ impl Recorded {
     /// Reads `tests/data/<name>`.
     #[must_use]
     pub fn read(name: &str) -> Self {
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("data").join(name);
-        let recording = read_recording(&folder).unwrap_or_else(|e| panic!("{name}: {e}"));
+        Self::read_from(&Path::new(env!("CARGO_MANIFEST_DIR")).join("data").join(name))
+    }
+
+    /// Reads the recording of a folder.
+    #[must_use]
+    pub fn read_from(folder: &Path) -> Self {
+        let name = folder.display();
+        let recording = read_recording(folder).unwrap_or_else(|e| panic!("{name}: {e}"));
         let calibration =
             read_calibration(&recording.calibration_file).unwrap_or_else(|e| panic!("{name}: {e}"));
-        let truth = read_truth(&folder).unwrap_or_else(|e| panic!("{name}: {e}"));
+        let truth = read_truth(folder).unwrap_or_else(|e| panic!("{name}: {e}"));
         let truth = truth.unwrap_or_else(|| panic!("{name}: no truth.json"));
-        Self { folder, recording, calibration, truth }
+        Self { folder: folder.to_owned(), recording, calibration, truth }
+    }
+
+    /// The folder's name.
+    #[must_use]
+    pub fn name(&self) -> String {
+        self.folder.file_name().unwrap_or_default().to_string_lossy().into_owned()
     }
 
     /// The bytes of a frame's file.

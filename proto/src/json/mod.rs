@@ -10,6 +10,7 @@ mod file;
 mod recording;
 mod report;
 mod truth;
+mod wrong;
 
 pub use calibration::{calibration_json, parse_calibration, read_calibration};
 pub use file::write_json;
@@ -20,3 +21,4 @@ pub use truth::{
     Board, EndClass, Truth, TruthEnd, TruthFace, TruthHidden, TruthLine, TruthMotion, TruthNotes,
     parse_board, parse_truth, read_board, read_truth,
 };
+pub use wrong::{is_wrong_box, is_wrong_side};

@@ -44,6 +44,8 @@ pub struct TruthFace {
     pub hidden: Option<TruthHidden>,
     /// From the camera of the lit frame to that of its unlit twin; `None` if there is no twin, or the file does not say.
     pub cam_off_from_cam_on: Option<TruthMotion>,
+    /// The corners were clicked on a photograph, to so many px (`notes.click_px`): they tell lines, not millimetres.
+    pub clicked_px: Option<f64>,
 }
 
 /// Notes of one frame; a file need not have any.
@@ -208,6 +210,10 @@ fn truth_face(face: &Field<'_>) -> Result<TruthFace, Error> {
         hidden: face.optional("hidden")?.map(|f| hidden(&f)).transpose()?,
         cam_off_from_cam_on: match face.optional("off")? {
             Some(off) => off.optional("cam_from_on")?.map(|f| motion(&f)).transpose()?,
+            None => None,
+        },
+        clicked_px: match face.optional("notes")? {
+            Some(notes) => notes.optional("click_px")?.map(|f| f.positive()).transpose()?,
             None => None,
         },
     })

@@ -51,12 +51,14 @@ Examples:
   boxline evaluate tests/data --edges --model boxnet.onnx
   boxline evaluate --simulate 400 --seed 200000000 --photos photos --csv boxes.csv --report accuracy.md
   boxline evaluate --report accuracy.md --csv boxes.csv --csv occluded.csv
+  boxline evaluate tests/data --perturb --report accuracy.md
   boxline evaluate tests/data --experiments --out rust/EXPERIMENTS.md --ihed ihed.onnx
 
 Reads folders that hold recording.json and truth.json, or parents of such folders. A recording whose truth has a box is
 measured as a pair of frames; any other recording frame by frame. Measuring where a refusal was due, and refusing where a
 measurement was due, is flagged as WRONG. --simulate measures rendered boxes of materials that training never shows, --experiments
-repeats the paper's experiments on rendered twins and keeps each shot in a .csv beside the page: called again, it goes on. --csv keeps one row a side and goes on where a run was stopped; after a change of the
+repeats the paper's experiments on rendered twins and keeps each shot in a .csv beside the page: called again, it goes on. --perturb changes
+pictures in ways that leave the sizes as they are. --csv keeps one row a side and goes on where a run was stopped; after a change of the
 program give another file. Several recordings are measured at a time, as many as there are processors or RAYON_NUM_THREADS says.
 Exit codes: 0 the evaluation ran, whatever it found; 2 broken input (the other recordings are told all the same) or usage.")]
     Evaluate(EvaluateArgs),
@@ -247,7 +249,11 @@ pub struct EvaluateArgs {
     /// The paper's own network (HED, IHED; .onnx) for a column of --experiments
     #[arg(long, value_name = "FILE", requires = "experiments")]
     pub ihed: Option<PathBuf>,
-    /// Seed of --simulate and --experiments
+    /// Measure each recording again after changes that leave the sizes as they are: JPEG quality, light, noise, blur, bars, a date,
+    /// paint on the face. Tells by how many sigmas sides move and what becomes wrong; --csv, --report (a section) and --overlays are its own
+    #[arg(long, conflicts_with_all = ["simulate", "experiments"])]
+    pub perturb: bool,
+    /// Seed of --simulate, --experiments and the noise of --perturb
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// Print one JSON object

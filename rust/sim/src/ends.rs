@@ -435,11 +435,11 @@ mod tests {
     use super::*;
     use crate::material::Look;
     use crate::pose::grid_centre;
+    use crate::pose::turned;
     use crate::rivals::false_lines;
     use crate::rng::Rng;
     use crate::stock::Stock;
     use crate::world::stand::paint;
-    use crate::pose::turned;
     use crate::world::{Body, Role, compose};
 
     const SIZE: Vector3<f64> = Vector3::new(500.0, 400.0, 350.0);

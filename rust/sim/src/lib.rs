@@ -3,7 +3,8 @@
 //! One direction: [`rng`] → [`head`] (a calibration and its beams) → [`pose`] (where the head may stand) → [`stock`] (materials
 //! of the training or the held-out split) → [`world`] (boxes, stands, rooms, light) → [`render`] (film, then sensor) → [`truth`]
 //! (with [`mod@ends`] of stripes and [`rivals`] of sides) and [`labels`] → [`recording`] (with [`tremor`] between a lit picture and
-//! its unlit twin) and [`stream`]. [`points`] draws boxes without pictures, to ask whether sigmas are true.
+//! its unlit twin) and [`stream`]. [`perturb`] changes finished frames in ways that leave the sizes as they are.
+//! [`points`] draws boxes without pictures, to ask whether sigmas are true.
 //! Everything follows from a seed: the same seed gives the same bytes. Positions are mm; the raster is core's
 //! (pixel centres at integers). Nothing here is part of the measuring program's results.
 #![forbid(unsafe_code)]
@@ -14,6 +15,7 @@ pub mod hazard;
 pub mod head;
 pub mod labels;
 pub mod material;
+pub mod perturb;
 pub mod photos;
 pub mod points;
 pub mod pose;

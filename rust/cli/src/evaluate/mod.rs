@@ -13,15 +13,17 @@ mod in_order;
 #[cfg(feature = "render")]
 mod maps;
 mod page;
+#[cfg(feature = "render")]
+mod perturb;
 mod recorded;
 mod rows;
 mod score;
 mod scored;
 #[cfg(feature = "render")]
-mod shots;
-#[cfg(feature = "render")]
 mod simulated;
 mod statistics;
+#[cfg(feature = "render")]
+mod stock;
 mod summary;
 mod tables;
 
@@ -38,7 +40,7 @@ pub use tables::table;
 /// Runs `boxline evaluate`.
 pub fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Finished> {
     let scored = args.simulate.is_some() || !args.csv.is_empty() || args.report.is_some();
-    if args.experiments || args.edges == Some(None) {
+    if args.experiments || args.perturb || args.edges == Some(None) {
         return rendered(args);
     }
     if args.folders.is_empty() && args.simulate.is_none() {
@@ -56,6 +58,7 @@ pub fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Finished> {
 fn rendered(args: &EvaluateArgs) -> anyhow::Result<Finished> {
     match &args.out {
         Some(page) if args.experiments => experiments::evaluate(args, page),
+        _ if args.perturb => perturb::evaluate(args),
         _ => maps::evaluate(args),
     }
 }
@@ -68,7 +71,7 @@ fn rendered(_: &EvaluateArgs) -> anyhow::Result<Finished> {
 /// What `--simulate` and the like say without the renderer.
 #[cfg(not(feature = "render"))]
 fn no_renderer() -> anyhow::Error {
-    let text = "--edges without a name, --simulate and --experiments need rendered frames, which this program was built without";
+    let text = "--edges without a name, --simulate, --perturb and --experiments need the renderer, which this program was built without";
     Usage(text.into()).into()
 }
 

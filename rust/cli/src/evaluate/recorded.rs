@@ -87,7 +87,7 @@ pub struct Recorded {
     pub name: String,
     pub must_refuse: bool,
     /// Judged as one box; otherwise every frame by itself.
-    true_box_mm: Option<[f64; 3]>,
+    pub true_box_mm: Option<[f64; 3]>,
     pub frames: Vec<(RecordedFrame, TruthFace, Frame)>,
     decode_nanos: u64,
 }

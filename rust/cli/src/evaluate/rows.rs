@@ -25,12 +25,12 @@
 
 use super::cause::{self, Cause};
 use super::recorded::Recorded;
-use super::score::{FaceScore, RecordingScore, is_wrong_side, sides_of};
+use super::score::{FaceScore, RecordingScore, sides_of};
 use crate::input::Usage;
 use anyhow::Context;
 use boxline::frames::Point;
 use boxline::{Calibration, Error, ErrorKind, Estimate, FaceMeasurement, FaceOutcome, Outcome, feasibility};
-use boxline_proto::json::TruthFace;
+use boxline_proto::json::{TruthFace, is_wrong_side};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::fs::File;

@@ -3,21 +3,10 @@
 use boxline::{
     BoxMeasurement, Candidate, Estimate, FaceMeasurement, FaceOutcome, Method, Outcome, Px, Warning,
 };
-use boxline_proto::json::TruthFace;
+use boxline_proto::json::{TruthFace, is_wrong_side};
 
 /// The paper's promise: no side is off by more. A measurement beyond it is wrong, not just inexact.
 pub const PROMISE_MM: f64 = 5.0;
-/// A side that is off by more than this and by more than so many of its sigmas is wrong too: who reads it trusts the sigma.
-const UNEXPECTED_MM: f64 = 3.0;
-const UNEXPECTED_SIGMAS: f64 = 4.0;
-
-/// Whether a side is off by more than 5 mm, or by more than 3 mm and 4 of its sigmas.
-pub fn is_wrong_side(found: Estimate, truth_mm: f64) -> bool {
-    let error_mm = (found.value_mm - truth_mm).abs();
-    // So that a number that is none is wrong.
-    let right = error_mm <= PROMISE_MM && error_mm <= UNEXPECTED_MM.max(UNEXPECTED_SIGMAS * found.sigma_mm);
-    !right
-}
 
 /// One recording, judged with one method.
 pub struct RecordingScore {
@@ -48,6 +37,8 @@ pub struct BoxScore {
 pub struct FaceScore {
     pub frame: String,
     pub truth_mm: Option<[f64; 2]>,
+    /// Where the truth was clicked on a photograph: does a corner lie on another line? Sides are not judged there.
+    pub other_line: Option<bool>,
     /// The frame must be refused, for this reason if one is given.
     pub refusal_due: Option<Option<String>>,
     pub outcome: FaceOutcome,
@@ -77,6 +68,8 @@ pub enum Verdict {
     RefusedInsteadOfMeasured,
     /// A result with a wrong side ([`is_wrong_side`]), and the largest error.
     TooFarOff(f64),
+    /// A corner is so many px from where it was clicked.
+    OtherLine(f64),
 }
 
 impl Verdict {
@@ -89,12 +82,13 @@ impl Verdict {
             Self::MeasuredInsteadOfRefused => "WRONG: measured, a refusal was due".into(),
             Self::RefusedInsteadOfMeasured => "WRONG: refused, a measurement was due".into(),
             Self::TooFarOff(error_mm) => format!("WRONG: off by {error_mm:.1} mm"),
+            Self::OtherLine(px) => format!("WRONG: a corner off by {px:.0} px"),
         }
     }
 
     /// Is it one that must not happen?
     pub fn is_wrong(&self) -> bool {
-        matches!(self, Self::MeasuredInsteadOfRefused | Self::RefusedInsteadOfMeasured | Self::TooFarOff(_))
+        !matches!(self, Self::Right | Self::OtherReason | Self::Undecided)
     }
 }
 
@@ -143,11 +137,14 @@ impl FaceScore {
             FaceOutcome::Measured(face) => Some(face.as_ref()),
             FaceOutcome::Rejected(_) => None,
         };
-        let corners = measured.zip(truth.corners_px).map(|(face, true_px)| corner_distances(face, true_px));
+        let corners = measured
+            .and_then(|face| truth.corner_distances_px(&face.corners_px))
+            .map(|px| distances(&px.map(|d| d * d)));
         let key_points = measured.and_then(|face| key_point_distances(face, truth));
         Self {
             frame: truth.frame.clone(),
             truth_mm: truth.size_mm,
+            other_line: truth.clicked_px.and(measured).map(|face| truth.is_wrong(face)),
             refusal_due: refused.then(|| truth.refuse.clone()),
             outcome,
             corners,
@@ -163,9 +160,9 @@ impl FaceScore {
         }
     }
 
-    /// Measured minus true, length and width, mm.
+    /// Measured minus true, length and width, mm; `None` where the truth was clicked.
     pub fn errors_mm(&self) -> Option<[f64; 2]> {
-        let (sides, truth) = self.sides().zip(self.truth_mm)?;
+        let (sides, truth) = self.sides().zip(self.truth_mm).filter(|_| self.other_line.is_none())?;
         Some([sides[0].value_mm - truth[0], sides[1].value_mm - truth[1]])
     }
 
@@ -184,8 +181,11 @@ impl FaceScore {
             }
             (FaceOutcome::Rejected(_), None, _) => Verdict::RefusedInsteadOfMeasured,
             (FaceOutcome::Measured(_), Some(_), _) => Verdict::MeasuredInsteadOfRefused,
-            (_, _, Some((sides, truth_mm))) if any_wrong(&sides, &truth_mm) => {
+            (_, _, Some((sides, truth_mm))) if self.other_line.is_none() && any_wrong(&sides, &truth_mm) => {
                 Verdict::TooFarOff(self.errors_mm().map_or(f64::NAN, |errors| worst(&errors)))
+            }
+            _ if self.other_line == Some(true) => {
+                Verdict::OtherLine(self.corners.map_or(f64::NAN, |corners| corners.worst_px))
             }
             _ => Verdict::Right,
         }
@@ -315,16 +315,6 @@ fn squared(found: Px, [u, v]: [f64; 2]) -> f64 {
     found.distance_px(Px::new(u, v)).powi(2)
 }
 
-/// Corners may start anywhere and go round either way: the best of the eight ways counts.
-fn corner_distances(face: &FaceMeasurement, truth: [[f64; 2]; 4]) -> Distances {
-    let ways = (0..4).flat_map(|start| [1, 3].map(|step| (start, step)));
-    let all = ways.map(|(start, step)| {
-        distances(&[0, 1, 2, 3].map(|i| squared(face.corners_px[i], truth[(start + step * i) % 4])))
-    });
-    all.min_by(|a, b| a.rms_px.total_cmp(&b.rms_px))
-        .unwrap_or(Distances { rms_px: f64::NAN, worst_px: f64::NAN })
-}
-
 /// The two key points of a stripe come in no promised order.
 fn key_point_distances(face: &FaceMeasurement, truth: &TruthFace) -> Option<Distances> {
     let mut all = Vec::new();
@@ -382,16 +372,6 @@ mod tests {
     }
 
     #[test]
-    fn corners_may_start_anywhere_and_go_either_way() {
-        let shift = |corners: [[f64; 2]; 4]| corners.map(|[u, v]| [u + 3.0, v + 4.0]);
-        let [a, b, c, d] = shift(CORNERS);
-        for order in [[a, b, c, d], [b, c, d, a], [d, a, b, c], [d, c, b, a], [a, d, c, b]] {
-            let found = corner_distances(&face(order, [[0.0; 2]; 2]), CORNERS);
-            assert!((found.rms_px - 5.0).abs() < 1e-9 && (found.worst_px - 5.0).abs() < 1e-9, "{found:?}");
-        }
-    }
-
-    #[test]
     fn key_points_of_a_stripe_come_in_any_order() {
         for ends in [[[10.0, 0.0], [10.0, 62.0]], [[10.0, 62.0], [10.0, 0.0]]] {
             let found = key_point_distances(&face(CORNERS, ends), &truth([100.0, 60.0], None)).unwrap();
@@ -422,13 +402,19 @@ mod tests {
         assert_eq!(verdict([100.0, 60.0], None, false, refused()), Verdict::RefusedInsteadOfMeasured);
     }
 
+    /// On a photograph lines are judged, whatever the sides are: the truth has no scale.
     #[test]
-    fn sides_are_wrong_beyond_the_promise_or_beyond_their_sigma() {
-        let wrong =
-            |error_mm: f64, sigma_mm: f64| is_wrong_side(Estimate::new(400.0 + error_mm, sigma_mm), 400.0);
-        assert!(!wrong(2.9, 0.1) && !wrong(-3.1, 0.8) && !wrong(4.9, 1.3) && !wrong(5.0, 2.0));
-        assert!(wrong(3.1, 0.7) && wrong(-4.9, 1.2) && wrong(5.1, 9.0) && wrong(-5.1, 9.0));
-        assert!(wrong(f64::NAN, 1.0) && wrong(f64::INFINITY, 1.0));
+    fn verdicts_on_clicked_faces() {
+        let verdict = |shift_px: f64| {
+            let corners = CORNERS.map(|[u, v]| [u + shift_px, v]);
+            let clicked = TruthFace { clicked_px: Some(4.0), ..truth([170.0, 90.0], None) };
+            let outcome = FaceOutcome::Measured(Box::new(face(corners, [[0.0; 2]; 2])));
+            let score = FaceScore::new(&clicked, false, outcome);
+            assert_eq!(score.errors_mm(), None);
+            score.verdict()
+        };
+        assert_eq!(verdict(20.0), Verdict::Right);
+        assert_eq!(verdict(30.0), Verdict::OtherLine(30.0));
     }
 
     #[test]

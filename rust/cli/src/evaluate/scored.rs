@@ -8,7 +8,7 @@ use super::score::{RecordingScore, method_name};
 use super::summary::{Summary, summary};
 use super::{Broken, figures, progress_bar};
 #[cfg(feature = "render")]
-use super::{shots, simulated};
+use super::{simulated, stock};
 use crate::Finished;
 use crate::args::EvaluateArgs;
 use crate::input::Usage;
@@ -202,7 +202,7 @@ fn overlay_path(folder: &Path, name: &str, frames: &str) -> PathBuf {
 
 #[cfg(feature = "render")]
 fn bench_stock(args: &EvaluateArgs) -> anyhow::Result<boxline_sim::Stock> {
-    let mut stock = shots::stock(boxline_sim::Split::HeldOut, args.photos.as_deref())?;
+    let mut stock = stock::stock(boxline_sim::Split::HeldOut, args.photos.as_deref())?;
     stock.hazards = args.hazards;
     Ok(stock)
 }

@@ -2,9 +2,10 @@
 
 use super::cause::Cause;
 use super::rows::{Answer, Due, Made, Row, SIZE_CLASSES, TOO_FAR, UNDECIDED};
-use super::score::{Statistics, is_wrong_side};
+use super::score::Statistics;
 use super::statistics::{Bin, Limited, Share, Stated, calibration_error, limits, reliability};
 use boxline::Estimate;
+use boxline_proto::json::is_wrong_side;
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 

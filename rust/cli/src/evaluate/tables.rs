@@ -349,7 +349,14 @@ fn faces(scores: &[RecordingScore]) -> impl Iterator<Item = (&RecordingScore, &F
 
 fn found(face: &FaceScore) -> String {
     match &face.outcome {
-        FaceOutcome::Measured(m) => format!("measured {:.1} x {:.1} mm", m.length.value_mm, m.width.value_mm),
+        FaceOutcome::Measured(m) => {
+            let sides = format!("measured {:.1} x {:.1} mm", m.length.value_mm, m.width.value_mm);
+            // In the table of faces only what was clicked comes here.
+            if face.other_line.is_none() {
+                return sides;
+            }
+            format!("{sides}, corners {} px", distances(face.corners))
+        }
         FaceOutcome::Rejected(reject) => reject.reason().to_owned(),
     }
 }

@@ -203,7 +203,7 @@ impl Sensor {
 const WHITE_GAIN: [f32; 3] = [1.8, 1.0, 1.6];
 
 /// 4096 equally likely normal deviates.
-fn gaussians() -> &'static [f32] {
+pub(crate) fn gaussians() -> &'static [f32] {
     static TABLE: OnceLock<Vec<f32>> = OnceLock::new();
     TABLE.get_or_init(|| {
         let mut rng = Rng::new(23, 0x6A55);
@@ -238,13 +238,13 @@ impl Vignette {
 }
 
 /// sRGB with a shoulder, by table over the root of the light.
-struct Curve {
+pub(crate) struct Curve {
     bytes: Vec<u8>,
     values: Vec<f32>,
 }
 
 impl Curve {
-    fn new(shoulder: f32) -> Self {
+    pub(crate) fn new(shoulder: f32) -> Self {
         let values: Vec<f32> = (0..4096)
             .map(|i| {
                 let x = (i as f32 / 4095.0).powi(2);
@@ -267,7 +267,7 @@ impl Curve {
     }
 
     #[inline]
-    fn byte(&self, x: f32) -> u8 {
+    pub(crate) fn byte(&self, x: f32) -> u8 {
         self.bytes[Self::index(x)]
     }
 
@@ -278,7 +278,7 @@ impl Curve {
 }
 
 /// Gaussian blur by a kernel of seven taps along rows, then columns.
-fn soften(plane: &mut [f32], w: usize, h: usize, sigma: f32) {
+pub(crate) fn soften(plane: &mut [f32], w: usize, h: usize, sigma: f32) {
     let mut kernel = [0f32; 7];
     for (i, k) in kernel.iter_mut().enumerate() {
         *k = (-0.5 * ((i as f32 - 3.0) / sigma).powi(2)).exp();

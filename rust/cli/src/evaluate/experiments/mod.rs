@@ -10,7 +10,7 @@ mod plan;
 mod series;
 
 use super::score::BoxScore;
-use super::shots::stock;
+use super::stock::stock;
 use super::{Recorded, recordings_in};
 use crate::Finished;
 use crate::args::EvaluateArgs;
