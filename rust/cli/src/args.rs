@@ -420,7 +420,7 @@ impl NetworkArgs {
         let net = match (edges, &self.model) {
             (EdgeName::Gradient, _) => return Ok(None),
             (_, Some(path)) => AnyNet::from_path(path, &self.options())?,
-            (_, None) => AnyNet::Face(EdgeNet::embedded(&self.options())?),
+            (_, None) => AnyNet::Face(Box::new(EdgeNet::embedded(&self.options())?)),
         };
         if let (EdgeName::Net, AnyNet::EdgeMap(_), Some(path)) = (edges, &net, &self.model) {
             let text = format!(

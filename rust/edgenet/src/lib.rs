@@ -67,9 +67,9 @@ fn read(path: &Path) -> Result<Vec<u8>, Error> {
 #[derive(Debug)]
 pub enum AnyNet {
     /// The product's, of nine maps.
-    Face(EdgeNet),
+    Face(Box<EdgeNet>),
     /// The paper's, of one map.
-    EdgeMap(EdgeMapNet),
+    EdgeMap(Box<EdgeMapNet>),
 }
 
 impl AnyNet {
@@ -82,9 +82,9 @@ impl AnyNet {
             let engine = Engine::load(&read(path)?, options)?;
             let [_, maps, ..] = engine.output_shape();
             if maps == 1 {
-                EdgeMapNet::from_engine(engine).map(Self::EdgeMap)
+                EdgeMapNet::from_engine(engine).map(|net| Self::EdgeMap(Box::new(net)))
             } else {
-                EdgeNet::from_engine(engine, options).map(Self::Face)
+                EdgeNet::from_engine(engine, options).map(|net| Self::Face(Box::new(net)))
             }
         };
         load().map_err(|e| e.in_context(path.display()))
@@ -94,7 +94,7 @@ impl AnyNet {
     #[must_use]
     pub fn network(&self) -> Option<&dyn Network> {
         match self {
-            Self::Face(net) => Some(net),
+            Self::Face(net) => Some(net.as_ref()),
             Self::EdgeMap(_) => None,
         }
     }
@@ -104,7 +104,7 @@ impl AnyNet {
     pub fn edge_map(&self) -> Option<&dyn EdgeMapNetwork> {
         match self {
             Self::Face(_) => None,
-            Self::EdgeMap(net) => Some(net),
+            Self::EdgeMap(net) => Some(net.as_ref()),
         }
     }
 }

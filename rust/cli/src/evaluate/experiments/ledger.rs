@@ -55,7 +55,7 @@ impl Ledger {
         }
         // Anew, so that nothing half written stays in it.
         let mut fresh = head.into_bytes();
-        fresh.extend(rows_text(shots.iter().map(|(key, shot)| (key, shot)), true)?);
+        fresh.extend(rows_text(shots.iter(), true)?);
         write_whole(path, &fresh)?;
         let file = OpenOptions::new()
             .append(true)
