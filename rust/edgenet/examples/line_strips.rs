@@ -9,8 +9,7 @@
 use boxline::network::{FaceMaps, LineStrip, Network, STRIP};
 use boxline::{Error, Frame, Settings, StageTimes, measure_face};
 use boxline_edgenet::{EdgeNet, Options};
-use boxline_proto::json::{read_calibration, read_recording};
-use serde_json::Value;
+use boxline_proto::json::{TruthFace, read_calibration, read_recording, read_truth};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
@@ -40,22 +39,17 @@ struct Truth {
 }
 
 impl Truth {
-    fn of(face: &Value) -> Option<Self> {
-        let number = |v: &Value, i: usize| v.get(i)?.as_f64();
-        let corner = |i: usize| {
-            let corner = &face["corners_px"][i];
-            Some([number(corner, 0)?, number(corner, 1)?])
-        };
-        let corners_px = [corner(0)?, corner(1)?, corner(2)?, corner(3)?];
-        let size_mm = [number(&face["size_mm"], 0)?, number(&face["size_mm"], 1)?];
+    /// `None` if no face is in view.
+    fn of(face: &TruthFace) -> Option<Self> {
+        let (corners_px, [length_mm, width_mm]) = (face.corners_px?, face.size_mm?);
         let doubled: f64 = (0..4)
             .map(|i| {
                 let ([u, v], [x, y]) = (corners_px[i], corners_px[(i + 1) % 4]);
                 u * y - v * x
             })
             .sum();
-        let px_per_mm = (0.5 * doubled.abs() / (size_mm[0] * size_mm[1])).sqrt();
-        let radius_mm = face["notes"]["edge_radius_mm"].as_f64().unwrap_or(0.0);
+        let px_per_mm = (0.5 * doubled.abs() / (length_mm * width_mm)).sqrt();
+        let radius_mm = face.notes.edge_radius_mm.unwrap_or(0.0);
         Some(Self { corners_px, radius_px: radius_mm * px_per_mm })
     }
 
@@ -96,13 +90,13 @@ fn main() -> Outcome<()> {
 
 /// Writes the strips of a recording's frames.
 fn frames(recorder: &Recorder, folder: &Path, out: &Path) -> Outcome<()> {
-    let truth: Value = serde_json::from_slice(&std::fs::read(folder.join("truth.json"))?)?;
+    let truth = read_truth(folder)?.unwrap_or_default();
     let recording = read_recording(folder)?;
     let calibration = read_calibration(&recording.calibration_file)?;
     let name = folder.file_name().unwrap_or_default().to_string_lossy();
     for frame in &recording.frames {
         let file = out.join(format!("{name}{}.strips", frame.id));
-        let face = truth["faces"].as_array().into_iter().flatten().find(|f| f["frame"] == frame.id.as_str());
+        let face = truth.faces.iter().find(|f| f.frame == frame.id);
         let Some(truth) = face.and_then(Truth::of).filter(|_| !file.exists()) else { continue };
         let picture = Frame::from_jpeg(&std::fs::read(&frame.file)?)?;
         let settings = Settings { network: Some(recorder), ..Settings::default() };
