@@ -129,14 +129,14 @@ fn paint_begins_where_it_says() {
     let x = (-280..280)
         .step_by(20)
         .map(f64::from)
-        .find(|x| (100..200).all(|y| pixel(&scene.frame, scene.px(*x, f64::from(y)))[0] == BOARD));
+        .find(|x| (165..200).all(|y| pixel(&scene.frame, scene.px(*x, f64::from(y)))[0] == BOARD));
     let x = x.unwrap();
     let green = |y: f64| f64::from(pixel(&after, scene.px(x, y))[1]);
-    let ink = green(150.0);
+    let ink = green(170.0);
     assert!(ink < 90.0, "{ink}");
     assert_eq!(green(199.0), f64::from(BOARD));
     let border =
-        (1500..2000).map(|y| f64::from(y) / 10.0).find(|y| green(*y) > 0.5 * (ink + f64::from(BOARD)));
+        (1700..2000).map(|y| f64::from(y) / 10.0).find(|y| green(*y) > 0.5 * (ink + f64::from(BOARD)));
     let border = border.unwrap();
     assert!((border - (HALF_MM[1] - 12.6)).abs() < 0.8, "{border}");
 }
@@ -152,14 +152,17 @@ fn paint_keeps_the_lasers() {
         let [red, green, _] = pixel(frame, px);
         f64::from(light.linear(red) - light.linear(green))
     };
-    // The stripe of laser 1 where it crosses the face's middle line.
-    let p = scene.normal_per_mm - scene.head.calibration.laser(LaserId::ALL[0]).per_mm;
+    // Where a stripe crosses a line across the face.
     let camera = scene.head.calibration.camera();
-    let value = |x: f64| {
-        let [u, v] = scene.px(x, 90.0);
-        p.dot(&camera.ray_from_px(Px::new(u, v)).xy1)
+    let crossing = |laser: LaserId| {
+        let p = scene.normal_per_mm - scene.head.calibration.laser(laser).per_mm;
+        let value = |x: f64| {
+            let [u, v] = scene.px(x, 90.0);
+            p.dot(&camera.ray_from_px(Px::new(u, v)).xy1)
+        };
+        (-2000..2000).map(|x| f64::from(x) / 10.0).find(|x| value(*x) * value(x + 0.1) <= 0.0)
     };
-    let x = (-2800..2800).map(|x| f64::from(x) / 10.0).find(|x| value(*x) * value(x + 0.1) <= 0.0).unwrap();
+    let x = LaserId::ALL.into_iter().find_map(crossing).unwrap();
     let sums = |frame: &Frame| {
         let ground = excess(frame, scene.px(x - 40.0, 90.0));
         let (mut sum, mut moment) = (0.0, 0.0);
