@@ -123,6 +123,10 @@ def main() -> None:
     for left in options.run.glob("frames-*"):
         shutil.rmtree(left)  # of a start that was killed
     records = made(options.run)
+    # Without the line that was cut off, or the next one would be written behind it.
+    whole = options.run / "made.jsonl.whole"
+    whole.write_text("".join(json.dumps(record) + "\n" for record in records))
+    whole.replace(options.run / "made.jsonl")
     stop = programs.stop_on_signals()  # what is being made is finished first
     running: dict = {}
     failed = None

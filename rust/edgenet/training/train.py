@@ -200,11 +200,11 @@ class Trainer:
         state = checkpoint.load_newest(self.options.run)
         if state is None:
             return
+        for name in ("net", "norm", "deep_supervision"):
+            if state["options"].get(name, getattr(self.options, name)) != getattr(self.options, name):
+                sys.exit(f"train: the run was started with {name}={state['options'][name]}, not {getattr(self.options, name)}")
         if "model" not in state:
             sys.exit(f"train: {self.options.run} has averaged weights only (train_all.py packs them so): it can be used, but not go on")
-        for name in ("net", "norm", "deep_supervision"):
-            if state["options"][name] != getattr(self.options, name):
-                sys.exit(f"train: the run was started with {name}={state['options'][name]}, not {getattr(self.options, name)}")
         self.model.load_state_dict(state["model"])
         self.ema.load_state_dict(state["ema"])
         self.optimizer.load_state_dict(state["optimizer"])
