@@ -80,7 +80,7 @@ def main() -> None:
         trainer.one_step(data, trainer.options.hard_from)
         judged = np.isfinite(data.costs).sum()
         checks.append((f"boxnet: late in a sitting {judged} frames are judged", judged == trainer.options.batch))
-        scores = train.validate(trainer.ema, trainer.task, data.all[:8])
+        scores = train.validate(trainer.ema, trainer.task, data.all[:8], trainer.device)
         checks.append(("boxnet: scores are numbers", np.isfinite(scores["loss"]) and 0 <= scores["laser_f"] <= 1))
         model = models.named("boxnet")
         model.load_state_dict(checkpoint.load_newest(run)["ema"])
