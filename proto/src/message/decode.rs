@@ -254,6 +254,12 @@ fn reject(message: v1::Reject) -> Result<Reject, Error> {
             overlap: number("overlap")?,
             needed_overlap: number("needed_overlap")?,
         },
+        "face_hidden" => Reject::FaceHidden {
+            sides_hidden: small("sides_hidden")?,
+            at: Px::new(number("at_u_px")?, number("at_v_px")?),
+            probability: number("probability")?,
+            limit: number("limit")?,
+        },
         "too_far" => Reject::TooFar { distance_mm: number("distance_mm")?, limit_mm: number("limit_mm")? },
         "not_a_rectangle" => {
             Reject::NotARectangle { rms_px: number("rms_px")?, limit_px: number("limit_px")? }

@@ -1,7 +1,7 @@
 //! The command line. Help texts here are what a user reads first: each command shows an example.
 
 use crate::workers::Pool;
-use boxline::measurement::USUAL_DRIFT_RAD;
+use boxline::measurement::{LEAST_CONFIDENCE, USUAL_DRIFT_RAD};
 use boxline::network::CHANNELS;
 use boxline::{EdgeMethod, Error, ErrorKind, Method, Settings};
 use boxline_edgenet::{AnyNet, EdgeNet, Options};
@@ -300,6 +300,9 @@ pub struct RenderArgs {
     /// Write labelled frames to standard output instead (format boxline-stream/1)
     #[arg(long, conflicts_with_all = ["out", "kind", "frames", "off", "head"])]
     pub stream: bool,
+    /// With --stream: faces in their own plane with the places of their sides (format boxline-views/1)
+    #[arg(long, requires = "stream", conflicts_with = "time")]
+    pub views: bool,
     /// Only say how fast --stream is
     #[arg(long, requires = "stream", conflicts_with = "out")]
     pub time: bool,
@@ -402,7 +405,7 @@ pub enum EdgeName {
     Hough,
 }
 
-/// Which network, and how it runs.
+/// Which network, how it runs, and how sure it must be.
 #[derive(ClapArgs)]
 pub struct NetworkArgs {
     /// Use this network instead of the one that ships (.onnx): one of nine maps or, with --edges hough, one of the paper's kind
@@ -412,6 +415,13 @@ pub struct NetworkArgs {
     /// Threads of the network; needs ONNX Runtime, whose library is looked for beside the program and in ORT_DYLIB_PATH
     #[arg(long, value_name = "N")]
     pub threads: Option<NonZeroUsize>,
+    /// Refuse what is less likely to be right than this, 0 to 1; rust/ACCURACY.md has the curve
+    #[arg(long, value_name = "P", default_value_t = LEAST_CONFIDENCE, value_parser = probability)]
+    pub least_confidence: f64,
+}
+
+fn probability(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|p| (0.0..=1.0).contains(p)).ok_or_else(|| "0 to 1".to_owned())
 }
 
 impl NetworkArgs {
@@ -435,7 +445,7 @@ impl NetworkArgs {
     /// The same where several run side by side: one thread each unless told otherwise.
     pub fn load_one_of_many(&self, edges: EdgeName) -> Result<Option<AnyNet>, Error> {
         let threads = Some(self.threads.unwrap_or(NonZeroUsize::MIN));
-        Self { model: self.model.clone(), threads }.load(edges)
+        Self { model: self.model.clone(), threads, ..*self }.load(edges)
     }
 
     /// Loads the network of nine maps.
@@ -469,6 +479,7 @@ impl How {
             edge_map: network.and_then(AnyNet::edge_map),
             workers: Some(&Pool),
             drift_rad: self.drift_mrad * 1e-3,
+            least_confidence: self.network.least_confidence,
             free: self.free,
             ..Settings::default()
         }

@@ -6,6 +6,7 @@ use crate::input::Usage;
 use anyhow::Context;
 use boxline_sim::recording::{Hold, Recipe, write_recording};
 use boxline_sim::stream::{sample, write_stream};
+use boxline_sim::views::write_views;
 use boxline_sim::{Split, Stock};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
@@ -32,7 +33,12 @@ pub fn render(args: &RenderArgs) -> anyhow::Result<Finished> {
             return Err(Usage("--stream writes frames, not JSON; --json goes with --time".into()).into());
         }
         // Frames go out as they are made: nothing else may be printed.
-        write_stream(&mut BufWriter::new(std::io::stdout().lock()), args.seed, args.count, &stock)?;
+        let mut out = BufWriter::new(std::io::stdout().lock());
+        if args.views {
+            write_views(&mut out, args.seed, args.count, &stock)?;
+        } else {
+            write_stream(&mut out, args.seed, args.count, &stock)?;
+        }
         return Ok(Finished { stdout: String::new(), exit_code: 0 });
     };
     recordings(args, out, &stock)

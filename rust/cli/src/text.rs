@@ -174,6 +174,7 @@ fn advice(reject: &Reject) -> Option<&'static str> {
         Reject::OutlineUnsure { .. } => {
             "see that the whole face is in view, evenly lit and clear of its neighbours."
         }
+        Reject::FaceHidden { .. } => "clear what stands before the face, or look past it.",
         Reject::TooFar { .. } => "go closer, until the face fills the picture.",
         Reject::NotARectangle { .. } => "see that the whole face is in view and nothing covers its edges.",
         Reject::SidesDisagree { .. } => "take two faces of the same box that share an edge.",

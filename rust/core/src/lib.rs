@@ -10,6 +10,7 @@ mod box_depth;
 pub mod calib;
 pub mod calibration;
 pub mod camera;
+pub mod confidence;
 mod cuboid;
 #[doc(hidden)]
 pub mod diagnostics;
@@ -31,6 +32,7 @@ pub mod pipeline;
 pub mod points;
 mod rectangle;
 pub mod reject;
+pub mod sides;
 mod stripe;
 pub mod units;
 pub mod warning;

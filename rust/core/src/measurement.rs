@@ -59,6 +59,9 @@ pub struct Settings<'a> {
     /// How far each laser may have turned since the calibration, rad, 1 sigma. A larger one makes sigmas larger and lets
     /// more pass as normal.
     pub drift_rad: f64,
+    /// Least probability that a result is right, 0 to 1: what is less likely is refused. A larger one measures fewer boxes and fewer
+    /// wrongly; `rust/ACCURACY.md` has the curve. Without a network results have no probability, and none is refused for it.
+    pub least_confidence: f64,
     /// The four sides of a face need not stand at right angles; the corner angles are reported.
     pub free: bool,
 }
@@ -66,6 +69,9 @@ pub struct Settings<'a> {
 /// Half of the 0.1 mrad that a laser's pointing drifts with temperature (physics.md): the four sit on one carrier and part
 /// of it is common.
 pub const USUAL_DRIFT_RAD: f64 = 0.05e-3;
+
+/// [`Settings::least_confidence`] unless told otherwise.
+pub const LEAST_CONFIDENCE: f64 = 0.9;
 
 impl Default for Settings<'_> {
     fn default() -> Self {
@@ -78,6 +84,7 @@ impl Default for Settings<'_> {
             workers: None,
             cancelled: None,
             drift_rad: USUAL_DRIFT_RAD,
+            least_confidence: LEAST_CONFIDENCE,
             free: false,
         }
     }
@@ -93,6 +100,7 @@ impl std::fmt::Debug for Settings<'_> {
             .field("edge_map", &self.edge_map.is_some())
             .field("workers", &self.workers.is_some())
             .field("drift_rad", &self.drift_rad)
+            .field("least_confidence", &self.least_confidence)
             .field("free", &self.free)
             .finish()
     }
@@ -149,7 +157,7 @@ pub struct FaceMeasurement {
     pub warnings: Vec<Warning>,
     /// How far the surface lies from the fitted plane, along each stripe: a curvature map. Empty where it is not known.
     pub surface: Vec<SurfacePoint>,
-    /// Probability that its sides lie on the right lines, as this frame alone tells; `None` without a network.
+    /// Probability that both sides are within 5 mm ([`crate::confidence`]), as this frame alone tells; `None` without a network.
     pub confidence: Option<f64>,
 }
 
@@ -206,8 +214,7 @@ pub struct BoxReport {
     pub warnings: Vec<Warning>,
     /// What told an A x A x B box from A x B x B, if that was needed and seen.
     pub settled: Option<DepthSeen>,
-    /// Probability that a measured or ambiguous box is right: that both faces' sides lie on the right lines. `None` without a
-    /// network.
+    /// Probability that every side of a measured or ambiguous box is within 5 mm ([`crate::confidence`]). `None` without a network.
     pub confidence: Option<f64>,
     /// Of a refused box the likeliest, if the faces that the frames may show make one. It is not likely enough to be a result.
     pub likeliest: Option<Candidate>,

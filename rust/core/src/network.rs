@@ -4,6 +4,9 @@
 
 use crate::error::Error;
 use crate::image::Frame;
+use crate::image::small::{Downscaler, SMALL};
+use crate::sides::face_view::SmallPicture;
+use crate::sides::{FaceView, SideOdds};
 use crate::units::{LaserId, Px};
 use std::cell::OnceCell;
 
@@ -243,6 +246,15 @@ pub trait Network: Send + Sync {
         Ok(strip.log_odds)
     }
 
+    /// Where the sides of the face in a view are; `None` from a network that does not know.
+    ///
+    /// # Errors
+    /// As [`Self::maps`].
+    fn sides(&self, view: &FaceView) -> Result<Option<SideOdds>, Error> {
+        let _ = view;
+        Ok(None)
+    }
+
     /// The maps of a frame.
     ///
     /// # Errors
@@ -263,13 +275,30 @@ pub trait EdgeMapNetwork: Send + Sync {
 pub(crate) struct Asked<'a> {
     network: &'a dyn Network,
     pub maps: FaceMaps,
+    /// The frame as [`SMALL`], red, green and blue planes.
+    small: Vec<f32>,
     failure: OnceCell<Error>,
 }
 
 impl<'a> Asked<'a> {
     /// Asks for the maps.
     pub fn new(network: &'a dyn Network, frame: &Frame) -> Result<Self, Error> {
-        Ok(Self { network, maps: network.maps(frame)?, failure: OnceCell::new() })
+        let mut small = vec![0.0; 3 * SMALL[0] * SMALL[1]];
+        Downscaler::new(SMALL).run(frame, &mut small);
+        Ok(Self { network, maps: network.maps(frame)?, small, failure: OnceCell::new() })
+    }
+
+    /// The frame made small.
+    pub fn small(&self) -> SmallPicture<'_> {
+        SmallPicture { size: SMALL, rgb: &self.small }
+    }
+
+    /// As [`Network::sides`]; what fails is kept for [`Self::finish`].
+    pub fn sides(&self, view: &FaceView) -> Option<SideOdds> {
+        self.network.sides(view).unwrap_or_else(|error| {
+            self.failure.get_or_init(|| error);
+            None
+        })
     }
 
     /// As [`Network::line_log_odds`]; what fails is kept for [`Self::finish`].

@@ -1,14 +1,15 @@
 //! The one place that knows all stages and runs them in order.
 
-use crate::alternatives::{Alternative, Pair, SURE_FACE, Seen, likeliest_pair, weighed};
+use crate::alternatives::{Alternative, Pair, Seen, likeliest_pair, weighed};
 use crate::box_depth;
 use crate::calibration::Calibration;
+use crate::confidence;
 use crate::cuboid;
 use crate::edges::{EdgeDetector, hough::HoughDetector, subpixel::GradientDetector};
 use crate::error::{Error, ErrorKind};
 use crate::face::extent::{FaceStripes, InnerSegments, Sight, follow_stripes, inner_segments};
 use crate::face::map_outline::{MapOutline, map_outline, mask_at_border};
-use crate::face::outline::RoughRectangle;
+use crate::face::outline::{RoughRectangle, SIDES, span_mm};
 use crate::face::raster::PlaneRaster;
 use crate::face_lines::view::FacePose;
 use crate::feasibility::{self, Hint};
@@ -17,7 +18,8 @@ use crate::image::Frame;
 use crate::image::bands::band_maps;
 use crate::image::redness::{Diagonal, RidgeMap, faint_ridge_map, half_redness};
 use crate::measurement::{
-    BoxReport, Candidate, DepthSeen, EdgeMethod, FaceMeasurement, FaceOutcome, Outcome, Settings, StageTimes,
+    BoxReport, Candidate, DepthSeen, EdgeMethod, FaceMeasurement, FaceOutcome, Method, Outcome, Settings,
+    StageTimes,
 };
 use crate::network::{Asked, Channel, EdgeMap, EdgeMapNetwork, FaceMaps, Network};
 use crate::rectangle::hough_outline::hough_outline;
@@ -25,6 +27,7 @@ use crate::rectangle::hypothesize::{Which, cut_by_border, ends_seen, hypothesize
 use crate::rectangle::rivals::{Rival, rivals};
 use crate::rectangle::{self, Attempt, Measured};
 use crate::reject::Reject;
+use crate::sides::{FaceView, SideOdds, ViewAxes};
 use crate::stripe::grid_search::{self, Evidence, GridHypothesis};
 use crate::units::LaserId;
 use crate::warning::Warning;
@@ -346,30 +349,74 @@ fn measure_seen_outline(
 ) -> Result<Seen, Reject> {
     let Task { frame, calibration, .. } = *task;
     let maps = &asked.maps;
-    let outline = seen_outline(calibration, &inner.plane, maps);
+    let outline = seen_outline(calibration, &inner.plane, maps, task.settings);
     clock.lap("outline");
     // Why: a face that leaves the image has no outline.
     let outline =
         outline.map_err(|unsure| wide.and_then(|face| cut_by_border(frame, face)).unwrap_or(unsure))?;
     let wide = wide.ok_or_else(|| no_box(0.0))?;
-    let rivals = rivals(frame, calibration, wide, &outline, asked).ok_or_else(|| no_box(0.0))?;
+    let seen = seen_in_plane(calibration, wide, &outline, asked);
+    clock.lap("sides");
+    let rivals =
+        rivals(frame, calibration, wide, &outline, asked, seen.as_ref()).ok_or_else(|| no_box(0.0))?;
     clock.lap("outline");
     let best = rivals.first().ok_or(Reject::RectangleOpen { sides_found: 0 })?;
     clock.see(&best.outline.raster, &best.outline.offsets_mm);
+    if let Some((_, odds)) = &seen
+        && let Some(hidden) = hidden(calibration, &best.outline, odds)
+    {
+        return Err(hidden);
+    }
     let measured = rivals.iter().map(|Rival { outline, probability }| Alternative {
         probability: *probability,
         face: measure_outline(task, inner, outline, clock).map(Box::new),
     });
-    let alternatives = weighed(measured.collect());
+    let mut alternatives = weighed(measured.collect());
     // A plane on which no outline can be measured is none.
     if alternatives.iter().all(|a| a.face.is_err())
         && let Some(Alternative { face: Err(reject), .. }) = alternatives.first()
     {
         return Err(reject.clone());
     }
-    let likeliest = alternatives.first().map_or(0.0, |a| a.probability);
-    let unsure = (likeliest < SURE_FACE).then(|| unclear(maps, likeliest, f64::from(outline.overlap)));
+    for alternative in &mut alternatives {
+        if let Ok(face) = &mut alternative.face {
+            let located = if weighs_sigma(task.settings) { confidence::located([&face.length, &face.width]) } else { 1.0 };
+            face.confidence = Some(alternative.probability * located);
+        }
+    }
+    let likeliest = alternatives.first().and_then(|a| a.face.as_ref().ok()?.confidence).unwrap_or(0.0);
+    let unsure = (likeliest < task.settings.least_confidence)
+        .then(|| unclear(maps, likeliest, task.settings, f64::from(outline.overlap)));
     Ok(Seen { alternatives, unsure })
+}
+
+/// What the network of sides says of the face, seen in the plane of its stripes.
+fn seen_in_plane(
+    calibration: &Calibration,
+    wide: &FaceStripes,
+    outline: &MapOutline,
+    asked: &Asked<'_>,
+) -> Option<(ViewAxes, SideOdds)> {
+    let axes = ViewAxes::of(calibration, outline.raster.on(&wide.fit.plane))?;
+    let odds = asked.sides(&FaceView::new(&asked.small(), calibration, &axes))?;
+    Some((axes, odds))
+}
+
+/// The refusal of a face of which something in front hides a piece.
+fn hidden(calibration: &Calibration, outline: &MapOutline, odds: &SideOdds) -> Option<Reject> {
+    let told = [0, 1, 2, 3].map(|side| odds.hidden(side));
+    let side = (0..4).max_by(|i, j| told[*i].total_cmp(&told[*j]))?;
+    if told[side] < HIDDEN {
+        return None;
+    }
+    let (from, to) = span_mm(&outline.offsets_mm, side);
+    let middle = SIDES[side].0.at(outline.offsets_mm[side], 0.5 * (from + to));
+    Some(Reject::FaceHidden {
+        sides_hidden: told.iter().filter(|p| **p >= HIDDEN).count() as u8,
+        at: outline.raster.pixel(calibration, middle)?,
+        probability: told[side],
+        limit: HIDDEN,
+    })
 }
 
 /// Measures the face along one outline.
@@ -426,6 +473,8 @@ fn measure_rough(
     }
 }
 
+/// Probability from which a side counts as hidden.
+const HIDDEN: f64 = 0.5;
 /// Overlap of the outline with the network's mask below which the maps show no face here; right outlines of rendered boxes have 0.7
 /// and more.
 const LEAST_OVERLAP: f32 = 0.5;
@@ -435,22 +484,43 @@ fn seen_outline(
     calibration: &Calibration,
     plane: &Plane<Cam>,
     maps: &FaceMaps,
+    settings: &Settings,
 ) -> Result<MapOutline, Reject> {
     let outline = map_outline(calibration, plane, maps);
     let overlap = outline.as_ref().map_or(0.0, |outline| outline.overlap);
-    outline.filter(|_| overlap >= LEAST_OVERLAP).ok_or_else(|| unclear(maps, 0.0, f64::from(overlap)))
+    outline.filter(|_| overlap >= LEAST_OVERLAP).ok_or_else(|| unclear(maps, 0.0, settings, f64::from(overlap)))
 }
 
 /// The refusal of a face whose outline is not clear.
-fn unclear(maps: &FaceMaps, probability: f64, overlap: f64) -> Reject {
+fn unclear(maps: &FaceMaps, probability: f64, settings: &Settings, overlap: f64) -> Reject {
     match mask_at_border(maps) {
         Some((sides_cut, at)) => Reject::FaceCutByBorder { sides_cut, at },
-        None => Reject::OutlineUnsure {
-            support: probability,
-            needed_support: SURE_FACE,
-            overlap,
-            needed_overlap: f64::from(LEAST_OVERLAP),
-        },
+        None => unsure(probability, settings, overlap),
+    }
+}
+
+/// The refusal of a result that is not likely enough to be right.
+fn unsure(probability: f64, settings: &Settings, overlap: f64) -> Reject {
+    Reject::OutlineUnsure {
+        support: probability,
+        needed_support: settings.least_confidence,
+        overlap,
+        needed_overlap: f64::from(LEAST_OVERLAP),
+    }
+}
+
+/// Whether the sigmas of the sides are part of the confidence. The paper's key points have wide ones and are shown as the paper has them.
+fn weighs_sigma(settings: &Settings) -> bool {
+    settings.method == Method::Fit && settings.edges == EdgeMethod::Net
+}
+
+/// Probability that the sides of a box along the right lines are right.
+fn located(outcome: &Outcome, settings: &Settings) -> f64 {
+    match outcome {
+        Outcome::Measured(sides) | Outcome::Ambiguous([sides, _]) if weighs_sigma(settings) => {
+            confidence::located([&sides.length, &sides.width, &sides.height])
+        }
+        _ => 1.0,
     }
 }
 
@@ -531,19 +601,28 @@ pub fn measure_box_with_hints(
         }),
         _ => None,
     };
-    let likeliest = match pair {
-        Some(pair) if pair.is_sure() => {
-            let confidence = Some(pair.probability);
-            let (outcome, warnings, settled) = pair.agreed;
-            let faces = pair.faces.map(|face| FaceOutcome::Measured(Box::new(face.clone())));
+    if let Some(Pair { faces, agreed: (outcome, warnings, settled), probability }) = pair {
+        let confidence = probability * located(&outcome, settings);
+        if confidence >= settings.least_confidence {
+            let faces = faces.map(|face| FaceOutcome::Measured(Box::new(face.clone())));
+            let confidence = Some(confidence);
             let report = BoxReport { outcome, faces, warnings, settled, confidence, likeliest: None };
             return Ok((report, [None, None]));
         }
-        Some(Pair { agreed: (Outcome::Measured(sides), ..), probability, .. }) => {
-            Some(Candidate { sides, confidence: probability })
-        }
-        _ => None,
-    };
+        let likeliest = match outcome {
+            Outcome::Measured(sides) => Some(Candidate { sides, confidence }),
+            _ => None,
+        };
+        let (a, b) = (outcome_of(&a), outcome_of(&b));
+        let reject = match (&a, &b) {
+            (FaceOutcome::Rejected(r), _) | (_, FaceOutcome::Rejected(r)) => r.clone(),
+            _ => unsure(confidence, settings, 1.0),
+        };
+        let outcome = Outcome::Rejected(reject);
+        let report =
+            BoxReport { outcome, faces: [a, b], warnings, settled: None, confidence: None, likeliest };
+        return Ok((report, hints));
+    }
     let (a, b) = (outcome_of(&a), outcome_of(&b));
     let (outcome, warnings, settled) = match (&a, &b) {
         (FaceOutcome::Measured(a), FaceOutcome::Measured(b)) => {
@@ -553,7 +632,7 @@ pub fn measure_box_with_hints(
             (Outcome::Rejected(r.clone()), Vec::new(), None)
         }
     };
-    let report = BoxReport { outcome, faces: [a, b], warnings, settled, confidence: None, likeliest };
+    let report = BoxReport { outcome, faces: [a, b], warnings, settled, confidence: None, likeliest: None };
     if asks_network(settings) || !matches!(report.outcome, Outcome::Rejected(Reject::SidesDisagree { .. })) {
         return Ok((report, hints));
     }

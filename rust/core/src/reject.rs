@@ -60,6 +60,17 @@ pub enum Reject {
         /// The overlap that is needed.
         needed_overlap: f64,
     },
+    /// Something in front of the face hides a piece of a side.
+    FaceHidden {
+        /// Sides of which a piece is hidden.
+        sides_hidden: u8,
+        /// The middle of the one that is hidden most surely.
+        at: Px,
+        /// Probability that something hides it, 0 to 1.
+        probability: f64,
+        /// The probability from which a face is refused for it.
+        limit: f64,
+    },
     /// The face is seen from farther away than the head is made for, and could be measured from nearer.
     TooFar {
         /// Distance of the face's middle, mm.
@@ -97,6 +108,7 @@ impl Reject {
             Self::FaceNotPlanar { .. } => "face_not_planar",
             Self::RectangleOpen { .. } => "rectangle_open",
             Self::OutlineUnsure { .. } => "outline_unsure",
+            Self::FaceHidden { .. } => "face_hidden",
             Self::TooFar { .. } => "too_far",
             Self::NotARectangle { .. } => "not_a_rectangle",
             Self::SidesDisagree { .. } => "sides_disagree",
@@ -129,6 +141,13 @@ impl Reject {
                 ("needed_support", needed_support),
                 ("overlap", overlap),
                 ("needed_overlap", needed_overlap),
+            ],
+            Self::FaceHidden { sides_hidden, at, probability, limit } => vec![
+                ("sides_hidden", f64::from(sides_hidden)),
+                ("at_u_px", at.u),
+                ("at_v_px", at.v),
+                ("probability", probability),
+                ("limit", limit),
             ],
             Self::TooFar { distance_mm, limit_mm } => {
                 vec![("distance_mm", distance_mm), ("limit_mm", limit_mm)]
@@ -179,6 +198,12 @@ impl fmt::Display for Reject {
                 f,
                 "the face's outline is not clear: right with a probability of {support:.2}, needed {needed_support:.2}; \
                  overlap with the face {overlap:.2}, needed {needed_overlap:.2}"
+            ),
+            Self::FaceHidden { sides_hidden, at, probability, limit } => write!(
+                f,
+                "something in front of the face hides {sides_hidden} side(s), first at ({:.0}, {:.0}) px: \
+                 probability {probability:.2}, allowed {limit:.2}",
+                at.u, at.v
             ),
             Self::TooFar { distance_mm, limit_mm } => write!(
                 f,

@@ -29,7 +29,7 @@ impl EdgeMapNet {
             let text = format!("the network gives {maps} maps, the paper's gives one");
             return Err(Error::new(ErrorKind::ModelFile, text));
         }
-        Ok(Self { state: Mutex::new(State::new(engine)) })
+        Ok(Self { state: Mutex::new(State::new(engine)?) })
     }
 }
 

@@ -43,6 +43,9 @@ impl Default for Options {
 /// Largest side of input and output that is accepted: a file must not make the program take all memory.
 const MOST_PX: usize = 4096;
 
+/// Most channels of an input.
+const MOST_CHANNELS: usize = 8;
+
 /// A network ready to run, with its input buffer.
 pub struct Engine {
     loaded: Loaded,
@@ -79,7 +82,7 @@ impl Engine {
         Ok(Self { loaded, input_shape, output_shape })
     }
 
-    /// Batch (1), channels (3), rows, columns.
+    /// Batch (1), channels, rows, columns.
     #[must_use]
     pub const fn input_shape(&self) -> [usize; 4] {
         self.input_shape
@@ -137,9 +140,9 @@ pub(crate) fn checked_shapes(inputs: &[Vec<i64>], outputs: &[Vec<i64>]) -> Resul
             .ok()
             .filter(|s| s[0] == 1 && s.iter().all(|n| (1..=MOST_PX).contains(n)))
     };
-    match (as_sizes(input).filter(|s| s[1] == 3), as_sizes(output)) {
+    match (as_sizes(input).filter(|s| s[1] <= MOST_CHANNELS), as_sizes(output)) {
         (Some(input), Some(output)) => Ok([input, output]),
-        (None, _) => bad(format!("the network's input is {input:?}, 1 x 3 x height x width is needed")),
+        (None, _) => bad(format!("the network's input is {input:?}, 1 x channels x height x width is needed")),
         (_, None) => bad(format!("the network's output is {output:?}, 1 x maps x height x width is needed")),
     }
 }
@@ -154,7 +157,7 @@ mod tests {
         let checked = |input: &[i64], output: &[i64]| checked_shapes(&[input.to_vec()], &[output.to_vec()]);
         assert_eq!(checked(&good.0, &good.1).expect("good"), [[1, 3, 384, 512], [1, 9, 192, 256]]);
         for input in [
-            &[1, 4, 384, 512][..],
+            &[1, 9, 384, 512][..],
             &[2, 3, 384, 512],
             &[1, 3, -1, 512],
             &[1, 3, 384],

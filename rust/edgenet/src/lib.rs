@@ -1,11 +1,11 @@
-//! The edge network: a frame in, the nine maps of [`boxline::network`] out; and the small network that looks at single lines.
+//! The edge network: a frame in, the nine maps of [`boxline::network`] out; the small network that looks at single lines, and the one
+//! that sees the face in its own plane and says where its sides are.
 //!
 //! [`EdgeNet`] is what the product uses, [`EdgeMapNet`] the paper's kind of network, [`AnyNet`] whichever a file holds; `engine` below runs any ONNX file of the same kind on ONNX Runtime
-//! (`onnx_runtime`, where its library is found) or on tract (`tract`, always there); `downscale` makes the input.
+//! (`onnx_runtime`, where its library is found) or on tract (`tract`, always there).
 //! Training, export and scores are Python, in `training/`.
 #![forbid(unsafe_code)]
 
-mod downscale;
 mod edge_map;
 mod engine;
 mod onnx_runtime;
@@ -14,9 +14,10 @@ mod tract;
 pub use edge_map::EdgeMapNet;
 pub use engine::{Engine, Options, Runtime};
 
+use boxline::image::small::Downscaler;
 use boxline::network::{CHANNELS, EdgeMapNetwork, FaceMaps, LineStrip, Network};
+use boxline::sides::{FaceView, SideOdds};
 use boxline::{Error, ErrorKind, Frame};
-use downscale::Downscaler;
 use std::num::NonZeroUsize;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
@@ -25,6 +26,8 @@ use std::sync::{Mutex, PoisonError};
 const EMBEDDED: &[u8] = include_bytes!("../models/boxnet.onnx");
 /// The network of lines; `models/lines.md`.
 const LINES: &[u8] = include_bytes!("../models/lines.onnx");
+/// The network of sides; `models/sides.md`.
+const SIDES: &[u8] = include_bytes!("../models/sides.onnx");
 
 /// A loaded network. One frame at a time: calls from several threads wait for each other, so give each thread its own, or
 /// one of them more [`Options::threads`].
@@ -32,6 +35,7 @@ pub struct EdgeNet {
     runtime_name: &'static str,
     state: Mutex<State>,
     lines: Mutex<Engine>,
+    sides: Mutex<Engine>,
 }
 
 /// What a run writes to.
@@ -41,9 +45,13 @@ struct State {
 }
 
 impl State {
-    fn new(engine: Engine) -> Self {
-        let [_, _, height, width] = engine.input_shape();
-        Self { engine, downscaler: Downscaler::new([width, height]) }
+    fn new(engine: Engine) -> Result<Self, Error> {
+        let [_, colours, height, width] = engine.input_shape();
+        if colours != 3 {
+            let text = format!("the network's input has {colours} channels, 3 are needed");
+            return Err(Error::new(ErrorKind::ModelFile, text));
+        }
+        Ok(Self { engine, downscaler: Downscaler::new([width, height]) })
     }
 
     /// What the network says of a frame, and columns and rows of it.
@@ -146,10 +154,12 @@ impl EdgeNet {
         // Too small for more than one thread.
         let single = Options { threads: NonZeroUsize::MIN, ..options.clone() };
         let lines = Engine::load(LINES, &single).map_err(|e| e.in_context("embedded network of lines"))?;
+        let sides = Engine::load(SIDES, options).map_err(|e| e.in_context("embedded network of sides"))?;
         Ok(Self {
             runtime_name: engine.runtime_name(),
-            state: Mutex::new(State::new(engine)),
+            state: Mutex::new(State::new(engine)?),
             lines: Mutex::new(lines),
+            sides: Mutex::new(sides),
         })
     }
 
@@ -167,6 +177,18 @@ impl Network for EdgeNet {
         let (values, [columns, rows]) = state.probabilities(frame)?;
         FaceMaps::new(columns, rows, [frame.width_px(), frame.height_px()], values)
             .ok_or_else(|| Error::new(ErrorKind::ModelFile, "the network's maps are too small"))
+    }
+
+    fn sides(&self, view: &FaceView) -> Result<Option<SideOdds>, Error> {
+        let mut engine = self.sides.lock().unwrap_or_else(PoisonError::into_inner);
+        let bad = |text: &str| Error::new(ErrorKind::ModelFile, text);
+        let input = engine.input_mut();
+        if input.len() != view.values.len() {
+            return Err(bad("the network of sides wants another view"));
+        }
+        input.copy_from_slice(&view.values);
+        let odds = SideOdds::from_logits(&engine.run()?);
+        odds.map(Some).ok_or_else(|| bad("the network of sides gives no probabilities; its weights are broken"))
     }
 
     fn line_log_odds(&self, strip: &LineStrip) -> Result<f32, Error> {

@@ -31,6 +31,7 @@ pub mod stream;
 pub mod tremor;
 pub mod truth;
 pub mod vec3;
+pub mod views;
 pub mod world;
 
 pub use error::Error;

@@ -14,11 +14,12 @@ use crate::rng::Rng;
 use crate::stock::Stock;
 use crate::truth::face_of;
 use crate::world::{Plan, compose};
+use boxline::image::small::SMALL;
 use serde_json::json;
 use std::io::Write;
 
 /// Size of the frames, px.
-pub const FRAME_PX: [usize; 2] = [512, 384];
+pub const FRAME_PX: [usize; 2] = SMALL;
 
 /// One labelled frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -83,25 +84,17 @@ pub fn sample(seed: u64, stock: &Stock) -> Result<Sample, Error> {
 #[must_use]
 pub fn header() -> String {
     let [w, h] = FRAME_PX;
-    let text = format!(
+    padded(&format!(
         r#"{{"format":"boxline-stream/1","w":{w},"h":{h},"lw":{},"lh":{},"channels":{}}}"#,
         w / 2,
         h / 2,
         CHANNELS.len()
-    );
-    format!("{text:<127}\n")
+    ))
 }
 
-/// Writes one frame.
-///
-/// # Errors
-/// The pipe is closed or full.
-pub fn write_sample(out: &mut impl Write, sample: &Sample) -> std::io::Result<()> {
-    out.write_all(&sample.seed.to_le_bytes())?;
-    out.write_all(&(sample.meta.len() as u32).to_le_bytes())?;
-    out.write_all(sample.meta.as_bytes())?;
-    out.write_all(&sample.rgb)?;
-    out.write_all(&sample.labels)
+/// A header of 128 bytes.
+pub(crate) fn padded(text: &str) -> String {
+    format!("{text:<127}\n")
 }
 
 /// Writes header and frames of the seeds `first ..` until `count` are written (without end if `None`) or the reader
@@ -115,15 +108,36 @@ pub fn write_stream(
     count: Option<u64>,
     stock: &Stock,
 ) -> Result<(), Error> {
+    write_frames(out, &header(), first, count, |seed| {
+        let sample = sample(seed, stock)?;
+        Ok((sample.meta, vec![sample.rgb, sample.labels]))
+    })
+}
+
+/// The same for any kind of frame: meta data and bytes of a seed.
+pub(crate) fn write_frames(
+    out: &mut impl Write,
+    header: &str,
+    first: u64,
+    count: Option<u64>,
+    frame: impl Fn(u64) -> Result<(String, Vec<Vec<u8>>), Error>,
+) -> Result<(), Error> {
     let wrote = |result: std::io::Result<()>| match result {
         Err(e) if e.kind() == std::io::ErrorKind::BrokenPipe => Ok(false),
         Err(e) => Err(Error::new("stream", e)),
         Ok(()) => Ok(true),
     };
-    let mut going = wrote(out.write_all(header().as_bytes()))?;
+    let mut going = wrote(out.write_all(header.as_bytes()))?;
     let mut seed = first;
     while going && count.is_none_or(|n| seed - first < n) {
-        going = wrote(write_sample(out, &sample(seed, stock)?))?;
+        let (meta, parts) = frame(seed)?;
+        let mut put = || {
+            out.write_all(&seed.to_le_bytes())?;
+            out.write_all(&(meta.len() as u32).to_le_bytes())?;
+            out.write_all(meta.as_bytes())?;
+            parts.iter().try_for_each(|bytes| out.write_all(bytes))
+        };
+        going = wrote(put())?;
         seed += 1;
     }
     Ok(())

@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used)] // the helpers of these tests are outside of test functions
 
 use boxline::{Frame, Px};
+use boxline::sides::face_view::{BINS, VIEW};
 use boxline_sim::head::SENSOR_PX;
 use boxline_sim::labels::{CHANNELS, labels};
 use boxline_sim::material::kinds::words;
@@ -11,6 +12,7 @@ use boxline_sim::recording::jpeg;
 use boxline_sim::render::{Film, Options, Stage, expose_film};
 use boxline_sim::stream::{FRAME_PX, header, sample, write_stream};
 use boxline_sim::truth::face_of;
+use boxline_sim::views::view_sample;
 use boxline_sim::world::{Plan, Role, Scene, compose};
 use boxline_sim::{Hazard, Hazards, Head, Raster, Rng, Shape, Split, Stock};
 
@@ -89,6 +91,35 @@ fn a_stream_is_what_its_header_says() {
         at += 12 + meta + FRAME_PX[0] * FRAME_PX[1] * 3 + FRAME_PX[0] * FRAME_PX[1] / 4 * CHANNELS.len();
     }
     assert_eq!(at, bytes.len());
+}
+
+/// Along each side the picture of a plain bright box on a dark floor changes where its bin says.
+#[test]
+fn views_show_a_face_with_its_sides_where_their_bins_say() {
+    let stock = Stock { hazards: Hazards::none(), ..Stock::default() };
+    let (mut sides, mut steps) = (0, 0);
+    for seed in 0..24 {
+        let first = view_sample(seed, &stock).unwrap();
+        assert_eq!(first, view_sample(seed, &stock).unwrap());
+        let meta: serde_json::Value = serde_json::from_str(&first.meta).unwrap();
+        let [_, rows, columns] = VIEW;
+        let at = |side: usize, out: f64, along: usize| {
+            let inner = columns - 2 * BINS;
+            let cell = if side % 2 == 0 { BINS as f64 - out } else { (BINS + inner) as f64 + out };
+            let (row, column) = if side < 2 { (along, cell as usize) } else { (cell as usize, along) };
+            (0..3).map(|c| i32::from(first.values[(c * rows + row) * columns + column])).collect::<Vec<_>>()
+        };
+        for side in 0..4 {
+            let Some(bin) = meta["bins"][side].as_f64().filter(|bin| (4.0..BINS as f64 - 8.0).contains(bin)) else { continue };
+            assert!(!meta["hidden"][side].as_bool().unwrap() || meta["refuse"] == "face_hidden");
+            let far = |p: &[i32], q: &[i32]| p.iter().zip(q).map(|(p, q)| (p - q).abs()).max().unwrap();
+            // Between the crossings there is always a piece of the side.
+            let step = |from: f64, to: f64| (BINS..columns - BINS).map(|k| far(&at(side, from, k), &at(side, to, k))).sum::<i32>();
+            sides += 1;
+            steps += i32::from(step(bin - 3.0, bin + 3.0) > 2 * step(bin - 3.5, bin - 1.5).max(step(bin + 1.5, bin + 3.5)) / 2);
+        }
+    }
+    assert!(sides > 60 && steps * 10 > sides * 8, "{steps} of {sides} sides are steps");
 }
 
 /// The edges of an open flap are edges, but not of the face that is looked at.

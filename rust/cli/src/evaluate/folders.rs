@@ -36,6 +36,7 @@ pub fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Finished> {
                     edges: edges.into(),
                     network: network.as_ref().and_then(AnyNet::network),
                     edge_map: network.as_ref().and_then(AnyNet::edge_map),
+                    least_confidence: args.network.least_confidence,
                     ..Settings::default()
                 };
                 recorded.judge(&calibration, &settings, method)

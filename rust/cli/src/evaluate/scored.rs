@@ -270,6 +270,7 @@ impl Bench<'_> {
             edges,
             network: network.and_then(AnyNet::network),
             edge_map: network.and_then(AnyNet::edge_map),
+            least_confidence: self.args.network.least_confidence,
             ..Settings::default()
         };
         let score = recorded.judge(&calibration, &settings, self.method)?;

@@ -27,6 +27,13 @@ impl PlaneRaster {
         Some(Self { plane: *plane, origin, axis_a, axis_b: normal.cross(&axis_a) })
     }
 
+    /// A raster with its origin at a point of the plane and axis a along a direction, both in the camera frame.
+    pub fn along(plane: &Plane<Cam>, origin: Vector3<f64>, direction: &Vector3<f64>) -> Option<Self> {
+        let (normal, _) = plane.normal_and_distance_mm();
+        let axis_a = (direction - normal * normal.dot(direction)).try_normalize(1e-9)?;
+        Some(Self { plane: *plane, origin, axis_a, axis_b: normal.cross(&axis_a) })
+    }
+
     /// The same raster turned by `angle_rad` about its origin.
     pub fn turned(&self, angle_rad: f64) -> Self {
         let (s, c) = angle_rad.sin_cos();

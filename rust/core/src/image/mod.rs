@@ -2,6 +2,7 @@
 
 pub(crate) mod bands;
 pub(crate) mod redness;
+pub mod small;
 
 use crate::error::{Error, ErrorKind};
 use zune_core::bytestream::ZCursor;

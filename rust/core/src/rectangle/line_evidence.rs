@@ -12,6 +12,7 @@ use crate::face::outline::{Across, SIDES, outward_sign, span_mm};
 use crate::face::raster::PlaneRaster;
 use crate::image::Frame;
 use crate::network::{Asked, Channel};
+use crate::sides::{SideOdds, ViewAxes};
 
 /// A line that may be a side.
 #[derive(Clone, Copy, Debug)]
@@ -31,6 +32,8 @@ pub(super) struct Evidence<'a> {
     pub asked: &'a Asked<'a>,
     /// Stripes, followed as far as they go.
     pub wide: &'a FaceStripes,
+    /// What the network of sides says, if there is one.
+    pub seen: Option<&'a (ViewAxes, SideOdds)>,
 }
 
 /// Weights, fitted by maximum likelihood (each side's right line against its other lines) to the 860 sides of 110 rendered boxes
@@ -47,6 +50,12 @@ const OUTLINE: f64 = 1.47;
 /// Where both stripes go on there is a flush neighbour, whose seam is seen along the whole side, or print on the face.
 const RUN_ON: f64 = 1.12;
 const RUN_ON_UNSEEN: f64 = -3.73;
+
+/// Weight of the network of sides: what it gives a place and a little, so that it never rules one out.
+const SEEN_IN_PLANE: f64 = 0.0;
+const LEAST_SEEN: f64 = 1e-3;
+/// Its likeliest place is looked at as well if no edge of the picture is within so many px: some of its bins.
+const SEEN_APART_PX: f64 = 20.0;
 
 /// The network's probability of an edge counts up to this: it also draws lines of print, and surely.
 const NETWORK_MOST: f32 = 0.4;
@@ -106,6 +115,13 @@ impl Evidence<'_> {
         if found.iter().all(|e| (e.offset_mm - own).abs() > APART_PX * px) {
             found.push(EdgeCandidate { offset_mm: own, strength: 0.0 });
         }
+        if let Some((axes, odds)) = self.seen {
+            let offset_mm = odds.likeliest_mm(axes, side);
+            let in_range = outward_sign(side) * offset_mm > inner && outward_sign(side) * offset_mm < outer;
+            if in_range && found.iter().all(|e| (e.offset_mm - offset_mm).abs() > SEEN_APART_PX * px) {
+                found.push(EdgeCandidate { offset_mm, strength: 0.0 });
+            }
+        }
         let stripes = self.stripe_sums(side);
         let known: Vec<f64> =
             found.iter().map(|e| self.without_corners(side, offsets_mm, &stripes, e)).collect();
@@ -123,7 +139,11 @@ impl Evidence<'_> {
                 log_odds: (known + CORNERS_STOP * stop + CORNERS_SEEN * seen) as f32,
             };
             let strip = strip(self.frame, self.calibration, self.raster, &self.asked.maps, &place)?;
-            Some(Line { offset_mm: e.offset_mm, log_weight: self.asked.line_log_odds(&strip) })
+            let told = self.asked.line_log_odds(&strip);
+            let seen = self.seen.map_or(0.0, |(axes, odds)| {
+                SEEN_IN_PLANE * (odds.at(axes, side, e.offset_mm) + LEAST_SEEN).ln()
+            });
+            Some(Line { offset_mm: e.offset_mm, log_weight: told + seen })
         });
         lines.collect()
     }

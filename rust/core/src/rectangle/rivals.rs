@@ -7,6 +7,7 @@ use crate::face::extent::FaceStripes;
 use crate::face::map_outline::MapOutline;
 use crate::image::Frame;
 use crate::network::Asked;
+use crate::sides::{SideOdds, ViewAxes};
 
 /// One of the outlines.
 #[derive(Clone, Debug)]
@@ -36,9 +37,10 @@ pub(crate) fn rivals(
     wide: &FaceStripes,
     outline: &MapOutline,
     asked: &Asked<'_>,
+    seen: Option<&(ViewAxes, SideOdds)>,
 ) -> Option<Vec<Rival>> {
     let raster = outline.raster.on(&wide.fit.plane);
-    let evidence = Evidence { frame, calibration, raster: &raster, outline, asked, wide };
+    let evidence = Evidence { frame, calibration, raster: &raster, outline, asked, wide, seen };
     let mut sides = Vec::with_capacity(4);
     for side in 0..4 {
         let lines = evidence.lines(side, &outline.offsets_mm)?;

@@ -233,6 +233,7 @@ impl Bench<'_> {
             edges: edges.into(),
             network: network.and_then(AnyNet::network),
             edge_map: network.and_then(AnyNet::edge_map),
+            least_confidence: self.args.network.least_confidence,
             ..Settings::default()
         };
         let (calibration, times) = (subject.calibration, &mut StageTimes::new());

@@ -41,6 +41,9 @@ public class Reason internal constructor(
         /** The outline of the face is not clear. */
         OUTLINE_UNSURE,
 
+        /** Something in front of the face hides a piece of it. */
+        FACE_HIDDEN,
+
         /** The face is farther away than it need be to be seen whole: go closer. */
         TOO_FAR,
 

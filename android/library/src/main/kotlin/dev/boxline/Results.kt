@@ -5,6 +5,8 @@ public sealed interface MeasureResult {
     /** The box was measured. */
     public class Measured internal constructor(
         public val size: BoxSize,
+        /** Probability that every side is within 5 mm, 0 to 1; null without the network. */
+        public val confidence: Double?,
         /** What looked odd; empty as a rule. */
         public val warnings: List<Warning>,
         public val record: Record,
@@ -17,6 +19,8 @@ public sealed interface MeasureResult {
     public class Ambiguous internal constructor(
         public val first: BoxSize,
         public val second: BoxSize,
+        /** That one of both is right; as [Measured.confidence]. */
+        public val confidence: Double?,
         /** As [Measured.warnings]. */
         public val warnings: List<Warning>,
         public val record: Record,
@@ -64,6 +68,8 @@ public sealed interface FaceView {
         public val stripes: List<Pair<SensorPoint, SensorPoint>>,
         /** The head is held still: a picture taken now is sharp. Always false for a single picture. */
         public val steady: Boolean,
+        /** As [MeasureResult.Measured.confidence], of this face's sides. */
+        public val confidence: Double?,
         /** As [MeasureResult.Measured.warnings]. */
         public val warnings: List<Warning>,
     ) : FaceView

@@ -36,10 +36,11 @@ class ReportsTest {
     fun `warnings of both faces and of the pair are told with their face`() {
         val good = field(2, 1)
         val report = field(1, 1) + field(2, sides) + field(5, good + field(11, warning("face_not_flat"))) +
-            field(5, good + field(11, warning("laser_moved"))) + field(6, warning("sides_differ")) + field(6, warning("of tomorrow"))
+            field(5, good + field(11, warning("laser_moved"))) + field(8, 0.97) + field(6, warning("sides_differ")) + field(6, warning("of tomorrow"))
         val measured = measureResult(report) as MeasureResult.Measured
         val kinds = listOf(Warning.Kind.FACE_NOT_FLAT, Warning.Kind.LASER_MOVED, Warning.Kind.SIDES_DIFFER, Warning.Kind.OTHER)
         assertEquals(kinds, measured.warnings.map { it.kind })
+        assertEquals(0.97, measured.confidence)
         assertEquals(listOf(0, 1, null, null), measured.warnings.map { it.face })
         assertEquals(mapOf("sagitta_mm" to -2.5), measured.warnings[0].numbers)
         assertEquals(Length(Millimetres(500.0), Millimetres(501.0), Millimetres(502.0), Millimetres(503.0)), measured.size.length)
@@ -66,6 +67,12 @@ class ReportsTest {
         val result = measureResult(field(1, 3) + field(4, reject) + field(5, field(2, 1)) + field(5, face)) as MeasureResult.Rejected
         assertEquals(expected, result.reason.moves)
         assertEquals(1, result.face)
+    }
+
+    @Test
+    fun `without a network there is no confidence`() {
+        val measured = measureResult(field(1, 1) + field(2, sides) + field(5, field(2, 1)) + field(5, field(2, 1))) as MeasureResult.Measured
+        assertNull(measured.confidence)
     }
 
     @Test

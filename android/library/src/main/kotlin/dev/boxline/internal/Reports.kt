@@ -27,10 +27,10 @@ internal fun measureResult(bytes: ByteArray): MeasureResult {
     val faces = report.messages(5)
     val warnings = faces.flatMapIndexed { i, face -> warnings(face, 11, i) } + warnings(report, 6, null)
     return when (report.number(1)) {
-        MEASURED -> MeasureResult.Measured(size(report.part(2)), warnings, record)
+        MEASURED -> MeasureResult.Measured(size(report.part(2)), report.doubleOrNull(8), warnings, record)
         AMBIGUOUS -> {
             val (first, second) = report.messages(3)
-            MeasureResult.Ambiguous(size(first), size(second), warnings, record)
+            MeasureResult.Ambiguous(size(first), size(second), report.doubleOrNull(8), warnings, record)
         }
         else -> {
             // The report's own reason is that of the first face that is refused.
@@ -51,6 +51,7 @@ internal fun liveView(bytes: ByteArray): Pair<FaceView, Long> {
         corners = face.messages(5).map { point(it.part(1)) },
         stripes = face.messages(6).map { point(it.part(1)) to point(it.part(2)) },
         steady = live.number(2) != 0L,
+        confidence = face.doubleOrNull(14),
         warnings = warnings(face, 11, 0),
     )
     return view to live.number(3)

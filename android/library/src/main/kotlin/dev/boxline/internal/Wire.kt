@@ -12,7 +12,9 @@ internal class Wire private constructor(private val fields: Map<Int, List<Any>>)
     fun number(field: Int): Long = fields[field]?.last() as Long? ?: 0
 
     /** The last value of a double field; 0 if there is none. */
-    fun double(field: Int): Double = fields[field]?.last() as Double? ?: 0.0
+    fun double(field: Int): Double = doubleOrNull(field) ?: 0.0
+
+    fun doubleOrNull(field: Int): Double? = fields[field]?.last() as Double?
 
     fun text(field: Int): String = (fields[field]?.last() as ByteBuffer?)?.let { String(bytes(it), Charsets.UTF_8) } ?: ""
 

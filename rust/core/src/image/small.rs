@@ -1,6 +1,9 @@
-//! A frame to the network's input: every input pixel is the mean of the area it covers, as in the frames it was trained on.
+//! A frame made small for a network: every pixel is the mean of the area it covers, as in the frames networks are trained on.
 
-use boxline::Frame;
+use super::Frame;
+
+/// Columns and rows of the picture that networks see of a frame.
+pub const SMALL: [usize; 2] = [512, 384];
 
 /// Pixels that one input pixel covers along one axis: `first..=last`, the outer two in part.
 #[derive(Clone, Copy)]
@@ -24,7 +27,7 @@ impl Span {
 }
 
 /// Averages areas; keeps its buffers from frame to frame.
-pub(crate) struct Downscaler {
+pub struct Downscaler {
     size: [usize; 2],
     columns: Vec<Span>,
     /// The frame width that `columns` is for.
@@ -37,13 +40,14 @@ pub(crate) struct Downscaler {
 
 impl Downscaler {
     /// For an input of `size` = columns, rows.
-    pub(crate) fn new(size: [usize; 2]) -> Self {
+    #[must_use]
+    pub fn new(size: [usize; 2]) -> Self {
         Self { size, columns: Vec::new(), frame_width_px: 0, whole_rows: Vec::new(), line: Vec::new() }
     }
 
     /// Writes the frame to `out` as red, green and blue planes in 0..1, rows top to bottom. The whole frame is stretched to the
     /// whole input, whatever its shape.
-    pub(crate) fn run(&mut self, frame: &Frame, out: &mut [f32]) {
+    pub fn run(&mut self, frame: &Frame, out: &mut [f32]) {
         let [width, height] = self.size;
         let row_bytes = frame.width_px() * 3;
         if self.frame_width_px != frame.width_px() {

@@ -1,0 +1,98 @@
+"""Fits how much the evidence for a line counts: the networks of lines and of sides on one scale.
+
+    cargo run --release -p boxline-edgenet --example side_evidence -- learn > learn.csv          (recordings with truth)
+    cargo run --release -p boxline-edgenet --example side_evidence -- choose > choose.csv
+    python weights.py --learn learn.csv --choose choose.csv
+
+A side's right lines against its other lines: a conditional logit, fitted by maximum likelihood to the first file and scored on the
+second. Prints the weights for `rust/core/src/rectangle/line_evidence.rs` and, for each kind of evidence alone and both, the loss a side,
+the share of sides and faces whose likeliest lines are right, and what a least probability of all four leaves: faces, and wrong ones.
+"""
+
+import argparse
+import csv
+import json
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+import torch
+
+RIGHT_PX = 10.0  # a line within so many px of the true side, or inside it by the edge's radius, is the right one
+LEAST_SEEN = 1e-3  # as in line_evidence.rs
+SAME_PX = 10.0  # lines that are taken together, as in rivals.rs
+
+
+def read(path: Path) -> dict:
+    """Lines by recording, frame and side; frames that must be refused are left out."""
+    sides = defaultdict(list)
+    with open(path, newline="") as file:
+        for row in csv.DictReader(file):
+            if row["refuse"] == "0":
+                sides[row["recording"], row["frame"], int(row["side"])].append({k: float(row[k]) for k in ("off_px", "mm_per_px", "radius_mm", "told", "seen", "known", "hidden")})
+    return sides
+
+
+def features(lines: list[dict]) -> tuple[torch.Tensor, torch.Tensor, np.ndarray]:
+    off = np.array([l["off_px"] for l in lines])
+    radius = np.array([l["radius_mm"] / l["mm_per_px"] for l in lines])
+    right = (off >= -(RIGHT_PX + radius)) & (off <= RIGHT_PX)
+    x = np.array([[l["told"], np.log(l["seen"] + LEAST_SEEN)] for l in lines])
+    return torch.tensor(x), torch.tensor(right), off
+
+
+def fit(sides: dict, used: list[int]) -> torch.Tensor:
+    data = [(x, right) for x, right, _ in map(features, sides.values()) if right.any()]
+    weights = torch.zeros(2, dtype=torch.float64, requires_grad=True)
+    mask = torch.zeros(2, dtype=torch.float64)
+    mask[used] = 1
+    optimiser = torch.optim.LBFGS([weights], max_iter=60)
+
+    def closure() -> torch.Tensor:
+        optimiser.zero_grad()
+        w = weights * mask
+        loss = -torch.stack([torch.logsumexp((x @ w)[right], 0) - torch.logsumexp(x @ w, 0) for x, right in data]).mean()
+        loss.backward()
+        return loss
+
+    optimiser.step(closure)
+    return (weights * mask).detach()
+
+
+def score(sides: dict, w: torch.Tensor) -> dict:
+    losses, sides_right, faces = [], [], defaultdict(lambda: [1.0, True, 0])
+    for (recording, frame, _), lines in sides.items():
+        x, right, off = features(lines)
+        p = torch.softmax(x @ w, 0).numpy()
+        best = int(p.argmax())
+        if right.any():
+            losses.append(-np.log(p[right.numpy()].sum() + 1e-9))
+        sides_right.append(bool(right[best]))
+        face = faces[recording, frame]
+        face[0] *= p[np.abs(off - off[best]) <= SAME_PX].sum()
+        face[1] &= bool(right[best])
+        face[2] += 1
+    told = np.array([(p, r) for p, r, n in faces.values() if n == 4])
+    kept = {}
+    for least in (0.5, 0.8, 0.9, 0.95, 0.98, 0.99):
+        chosen = told[:, 0] >= least
+        kept[str(least)] = [round(float(chosen.mean()), 3), int((chosen & (told[:, 1] == 0)).sum())]
+    return {
+        "sides": len(sides_right), "without a right line": len(sides_right) - len(losses), "loss": round(float(np.mean(losses)), 4),
+        "sides right": round(float(np.mean(sides_right)), 4), "faces": len(told), "faces right": round(float(told[:, 1].mean()), 4), "kept, of these wrong": kept,
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--learn", type=Path, required=True)
+    parser.add_argument("--choose", type=Path, required=True)
+    options = parser.parse_args()
+    learn, choose = read(options.learn), read(options.choose)
+    for name, used in (("lines alone", [0]), ("sides alone", [1]), ("both", [0, 1])):
+        w = fit(learn, used)
+        print(f"{name}: weights {[round(float(v), 3) for v in w]}; {json.dumps(score(choose, w))}")
+
+
+if __name__ == "__main__":
+    main()
