@@ -3,7 +3,7 @@
 //! A lost piece shifts all bits behind it. Codes find their way again after some blocks, but the number of blocks is then another one,
 //! and the brightness is off by what was lost, so that it leaves its range sooner or later, or shows a seam.
 
-use super::bits::{Mark, Part};
+use super::bits::{Bits, Mark, next_run};
 use super::block::{Block, of_unit};
 use super::header::Header;
 use super::{Error, invalid, seam};
@@ -33,32 +33,36 @@ pub(super) fn read(file: &[u8], header: &Header) -> Result<End, Error> {
         )));
     }
     let unit = of_unit(header)?;
-    let mut walk = Walk { unit: &unit, done: 0, all: units * in_unit, levels: Default::default() };
-    let mut part = Part::new(data);
+    let mut walk = Walk {
+        unit: &unit,
+        file,
+        run: next_run(file, header.data_at),
+        done: 0,
+        all: units * in_unit,
+        levels: Default::default(),
+    };
     let (mut at, mut done, mut restarts) = (header.data_at, 0, 0u8);
     loop {
-        let mark = part.take(file, at);
         let wanted = if header.restart == 0 { units } else { header.restart.min(units - done) };
-        let read = walk.read(&part, wanted)?;
+        let mut bits = walk.read(at, wanted)?;
         done += wanted;
         let (blocks, all) = (done * in_unit, units * in_unit);
-        let whole_bytes = read.div_ceil(8);
-        if !part.only_padding_from(whole_bytes) {
+        let left = bits.finish();
+        if left > 0 {
             return Err(invalid(format!(
-                "the frame's data goes on for {} bytes after {blocks} of {all} blocks, where {} is due",
-                part.len() - whole_bytes,
+                "the frame's data goes on for {left} bytes after {blocks} of {all} blocks, where {} is due",
                 if done == units { "its end" } else { "a restart marker" }
             )));
         }
         if done == units {
             walk.refuse_seams(header.units[0])?;
         }
-        match mark {
+        let (end, mark) = bits.mark();
+        if done == units {
             // Whatever marker stands here: some cameras close the last interval as they close all others.
-            Mark::At(marker, behind) if done == units => {
-                return Ok(End { data: behind - 2, marked: marker == 0xd9 });
-            }
-            Mark::Nothing if done == units => return Ok(End { data: file.len(), marked: false }),
+            return Ok(End { data: end, marked: file.get(end..end + 2) == Some(&[0xff, 0xd9]) });
+        }
+        match mark {
             Mark::At(marker, behind) if marker == 0xd0 + restarts => at = behind,
             Mark::At(marker @ 0xd0..=0xd7, _) => {
                 return Err(invalid(format!(
@@ -80,38 +84,39 @@ fn ends_after(done: usize, all: usize) -> Error {
 struct Walk<'a> {
     /// The blocks of a unit.
     unit: &'a [Block<'a>],
+    file: &'a [u8],
+    /// The next run of equal bytes.
+    run: Option<[usize; 2]>,
     done: usize,
     all: usize,
     /// Of each colour the level of each unit's last block.
     levels: [Vec<i16>; 3],
 }
 
-impl Walk<'_> {
-    /// Reads units of a part, from its beginning; returns the bits that they take.
-    fn read(&mut self, part: &Part, wanted: usize) -> Result<usize, Error> {
-        let mut bits = part.bits();
+impl<'a> Walk<'a> {
+    /// Reads units from a place on, up to a marker at most; returns what follows.
+    fn read(&mut self, at: usize, wanted: usize) -> Result<Bits<'a>, Error> {
+        let mut bits = Bits::new(self.file, at);
         let mut level = [0i32; 3];
-        let mut runs = part.runs();
-        let end = part.len() * 8;
         for _ in 0..wanted {
             for block in self.unit {
-                let start = bits.read();
+                let start = bits.place();
                 let torn = block.read(&mut bits, &mut level[block.colour]).err();
-                let at = bits.read();
-                if at > end {
+                if bits.is_beyond() {
                     return Err(ends_after(self.done, self.all));
                 }
                 if let Some(torn) = torn {
                     return Err(self.torn(torn));
                 }
-                while let Some((run, others)) = runs.split_first() {
-                    if at.min(run[1] * 8) / 8 >= (start / 8).max(run[0]) + BYTES_OF_RUN {
+                let end = bits.place();
+                while let Some(run) = self.run {
+                    if end.min(run[1]) >= start.max(run[0]) + BYTES_OF_RUN {
                         return Err(self.torn(format!("is filled with {} equal bytes", run[1] - run[0])));
                     }
-                    if at / 8 < run[1] {
+                    if end < run[1] {
                         break;
                     }
-                    runs = others;
+                    self.run = next_run(self.file, run[1]);
                 }
                 self.done += 1;
             }
@@ -122,7 +127,7 @@ impl Walk<'_> {
                 self.levels[block.colour].push(block.grey(level[block.colour]));
             }
         }
-        Ok(bits.read())
+        Ok(bits)
     }
 
     fn torn(&self, what: impl std::fmt::Display) -> Error {
