@@ -1,13 +1,11 @@
 //! Storage and sampling of pixels; knows no geometry.
 
 pub(crate) mod bands;
+mod jpeg;
 pub(crate) mod redness;
 pub mod small;
 
 use crate::error::{Error, ErrorKind};
-use zune_core::bytestream::ZCursor;
-use zune_core::colorspace::ColorSpace;
-use zune_core::options::DecoderOptions;
 
 /// A decoded frame: 8-bit RGB, rows top to bottom, on the raw sensor raster.
 #[derive(Clone, PartialEq, Eq)]
@@ -32,49 +30,46 @@ pub(crate) fn word(bytes: &[u8]) -> Option<u64> {
     bytes.first_chunk().map(|bytes| u64::from_le_bytes(*bytes))
 }
 
-/// Larger pictures are refused before memory is taken for them; the sensor has 2592 x 1944.
+/// Longest side; the sensor has 2592 x 1944.
 const MAX_SIDE_PX: usize = 16_384;
+/// Most pixels: 100 MB of RGB, six times what the sensor has.
+const MAX_PX: usize = 1 << 25;
+
+/// Refuses what is too large, before memory is taken for it.
+fn check_size(width_px: usize, height_px: usize) -> Result<(), Error> {
+    let invalid = |what: String| Error::new(ErrorKind::InvalidFrame, what);
+    if width_px == 0 || height_px == 0 || width_px > MAX_SIDE_PX || height_px > MAX_SIDE_PX {
+        return Err(invalid(format!(
+            "the frame is {width_px} x {height_px} px, 1 to {MAX_SIDE_PX} px each are allowed"
+        )));
+    }
+    if width_px * height_px > MAX_PX {
+        return Err(invalid(format!(
+            "the frame is {width_px} x {height_px} px, {} in all, {MAX_PX} are allowed",
+            width_px * height_px
+        )));
+    }
+    Ok(())
+}
 
 impl Frame {
-    /// Decodes a JPEG.
+    /// Decodes a JPEG as cameras send it: baseline or extended, one or three colours, one scan. Its Huffman tables may be missing
+    /// (MJPEG: those of the standard are meant), its end marker too; what follows the end is not looked at.
     ///
     /// # Errors
-    /// [`ErrorKind::InvalidFrame`] if the bytes are empty, not a JPEG, torn, or larger than 16384 px on a side.
+    /// [`ErrorKind::InvalidFrame`] if the bytes are empty, not such a JPEG, torn, or larger than 16384 px on a side or 2^25 px in
+    /// all. A torn JPEG is one whose data does not give exactly the declared blocks, or gives what no picture can have.
     pub fn from_jpeg(bytes: &[u8]) -> Result<Self, Error> {
-        if bytes.is_empty() {
-            return Err(Error::new(ErrorKind::InvalidFrame, "the frame is empty (0 bytes)"));
-        }
-        let options = DecoderOptions::default()
-            .set_strict_mode(true)
-            .set_max_width(MAX_SIDE_PX)
-            .set_max_height(MAX_SIDE_PX)
-            .jpeg_set_out_colorspace(ColorSpace::RGB);
-        let mut decoder = zune_jpeg::JpegDecoder::new_with_options(ZCursor::new(bytes), options);
-        let broken = |e: zune_jpeg::errors::DecodeErrors| {
-            Error::new(
-                ErrorKind::InvalidFrame,
-                format!("the frame is not a whole JPEG ({} bytes): {e:?}", bytes.len()),
-            )
-        };
-        decoder.decode_headers().map_err(broken)?;
-        let (width_px, height_px) = decoder
-            .dimensions()
-            .ok_or_else(|| Error::new(ErrorKind::InvalidFrame, "the JPEG has no size"))?;
-        let rgb = decoder.decode().map_err(broken)?;
+        let (width_px, height_px, rgb) = jpeg::decode(bytes)?;
         Self::from_rgb(width_px, height_px, rgb)
     }
 
     /// A frame from pixels, three bytes each.
     ///
     /// # Errors
-    /// [`ErrorKind::InvalidFrame`] if the number of bytes does not fit the size.
+    /// [`ErrorKind::InvalidFrame`] if the number of bytes does not fit the size, or the size is larger than that of a JPEG may be.
     pub fn from_rgb(width_px: usize, height_px: usize, rgb: Vec<u8>) -> Result<Self, Error> {
-        if width_px == 0 || height_px == 0 || width_px > MAX_SIDE_PX || height_px > MAX_SIDE_PX {
-            return Err(Error::new(
-                ErrorKind::InvalidFrame,
-                format!("the frame is {width_px} x {height_px} px, 1 to {MAX_SIDE_PX} px each are allowed"),
-            ));
-        }
+        check_size(width_px, height_px)?;
         let needed = width_px * height_px * 3;
         if rgb.len() != needed {
             return Err(Error::new(
