@@ -380,7 +380,11 @@ fn measure_seen_outline(
     }
     for alternative in &mut alternatives {
         if let Ok(face) = &mut alternative.face {
-            let located = if weighs_sigma(task.settings) { confidence::located([&face.length, &face.width]) } else { 1.0 };
+            let located = if weighs_sigma(task.settings) {
+                confidence::located([&face.length, &face.width])
+            } else {
+                1.0
+            };
             face.confidence = Some(alternative.probability * located);
         }
     }
@@ -488,7 +492,9 @@ fn seen_outline(
 ) -> Result<MapOutline, Reject> {
     let outline = map_outline(calibration, plane, maps);
     let overlap = outline.as_ref().map_or(0.0, |outline| outline.overlap);
-    outline.filter(|_| overlap >= LEAST_OVERLAP).ok_or_else(|| unclear(maps, 0.0, settings, f64::from(overlap)))
+    outline
+        .filter(|_| overlap >= LEAST_OVERLAP)
+        .ok_or_else(|| unclear(maps, 0.0, settings, f64::from(overlap)))
 }
 
 /// The refusal of a face whose outline is not clear.

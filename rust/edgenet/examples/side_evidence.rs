@@ -4,11 +4,14 @@
 //!
 //! A row for each line: recording and frame, side, px outwards from the true side, mm and px, radius of the box's edges in px, the
 //! logarithm of its odds by all but the networks of lines and sides, the strength of its edge, what the network of lines says,
-//! the probability that the network of sides gives its place, and that it gives the side to be hidden.
+//! the probability that the network of sides gives its place, and that it gives the side to be hidden; how far outwards of the true side
+//! the measured one is, mm, if the face could be measured however unsure it is, and the larger sigma of its length and width.
 
 use boxline::network::{FaceMaps, LineStrip, Network};
 use boxline::sides::{FaceView, SideOdds};
-use boxline::{Calibration, Error, Frame, Settings, StageTimes, measure_face};
+use boxline::{
+    Calibration, Error, FaceMeasurement, FaceOutcome, Frame, Px, Settings, StageTimes, measure_face,
+};
 use boxline_edgenet::{EdgeNet, Options};
 use boxline_proto::json::{TruthFace, read_calibration, read_recording, read_truth};
 use std::path::{Path, PathBuf};
@@ -78,9 +81,8 @@ impl Truth {
         Some(Self { corners_px, mm_per_px, radius_mm: face.notes.edge_radius_mm.unwrap_or(0.0) })
     }
 
-    /// How far a line's middle is from the true side that looks the same way, px outwards.
-    fn off_px(&self, strip: &LineStrip) -> Option<f64> {
-        let [o, p] = strip.outwards;
+    /// How far a line with this middle, seen from the face's inside in this direction, is from the true side that looks the same way, px outwards.
+    fn off_px(&self, middle: Px, [o, p]: [f64; 2]) -> Option<f64> {
         let centre = [0, 1].map(|i| self.corners_px.iter().map(|c| c[i]).sum::<f64>() / 4.0);
         let sides = (0..4).map(|i| {
             let ([u, v], [x, y]) = (self.corners_px[i], self.corners_px[(i + 1) % 4]);
@@ -89,7 +91,7 @@ impl Truth {
             let outside = (0.5 * (u + x) - centre[0]) * normal[0] + (0.5 * (v + y) - centre[1]) * normal[1];
             let normal = normal.map(|n| n * outside.signum());
             let facing = normal[0] * o + normal[1] * p;
-            (facing, (normal[0] * (strip.middle.u - u) + normal[1] * (strip.middle.v - v)) / facing)
+            (facing, (normal[0] * (middle.u - u) + normal[1] * (middle.v - v)) / facing)
         });
         let (facing, off_px) = sides.max_by(|a, b| a.0.total_cmp(&b.0))?;
         (facing > 0.5).then_some(off_px)
@@ -98,7 +100,9 @@ impl Truth {
 
 fn main() -> Outcome<()> {
     let network = EdgeNet::embedded(&Options::default())?;
-    println!("recording,frame,refuse,side,off_px,mm_per_px,radius_mm,known,strength,told,seen,hidden");
+    println!(
+        "recording,frame,refuse,side,off_px,mm_per_px,radius_mm,known,strength,told,seen,hidden,measured_off_mm,sigma_mm"
+    );
     for recordings in std::env::args_os().skip(1).map(PathBuf::from) {
         let mut folders: Vec<PathBuf> =
             std::fs::read_dir(&recordings)?.filter_map(|entry| Some(entry.ok()?.path())).collect();
@@ -108,6 +112,21 @@ fn main() -> Outcome<()> {
         }
     }
     Ok(())
+}
+
+/// How far the measured side that looks this way is from the true one, and the face's sigma, mm.
+fn measured_side(face: &FaceMeasurement, truth: &Truth, [o, p]: [f64; 2]) -> Option<[f64; 2]> {
+    let corners = face.corners_px;
+    let centre =
+        [corners.iter().map(|c| c.u).sum::<f64>() / 4.0, corners.iter().map(|c| c.v).sum::<f64>() / 4.0];
+    let middles = (0..4).map(|i| {
+        let (a, b) = (corners[i], corners[(i + 1) % 4]);
+        Px::new(0.5 * (a.u + b.u), 0.5 * (a.v + b.v))
+    });
+    let facing = |m: &Px| (m.u - centre[0]) * o + (m.v - centre[1]) * p;
+    let middle = middles.max_by(|a, b| facing(a).total_cmp(&facing(b)))?;
+    let off_px = truth.off_px(middle, [o, p])?;
+    Some([off_px * truth.mm_per_px, face.length.sigma_mm.max(face.width.sigma_mm)])
 }
 
 /// Prints the lines of a recording's frames.
@@ -120,21 +139,29 @@ fn frames(network: &EdgeNet, folder: &Path) -> Outcome<()> {
         let Some(face) = truth.faces.iter().find(|f| f.frame == frame.id) else { continue };
         let Some(truth) = Truth::of(face) else { continue };
         let picture = Frame::from_jpeg(&std::fs::read(&frame.file)?)?;
-        let recorder =
-            Recorder { network, calibration: &calibration, view: Mutex::new(None), rows: Mutex::new(Vec::new()) };
-        let settings = Settings { network: Some(&recorder), ..Settings::default() };
-        // What it measures does not matter here.
-        let _ = measure_face(&picture, &calibration, &settings, &mut StageTimes::new())?;
+        let recorder = Recorder {
+            network,
+            calibration: &calibration,
+            view: Mutex::new(None),
+            rows: Mutex::new(Vec::new()),
+        };
+        let settings = Settings { network: Some(&recorder), least_confidence: 0.0, ..Settings::default() };
+        let measured = measure_face(&picture, &calibration, &settings, &mut StageTimes::new())?;
         let rows = recorder.rows.into_inner().unwrap_or_else(PoisonError::into_inner);
         let mut before = 0;
         // Other planes are tried after the first one: the sides begin again.
         for Row { strip, told, seen, hidden } in
             rows.iter().take_while(|row| std::mem::replace(&mut before, row.strip.side) <= row.strip.side)
         {
-            let Some(off_px) = truth.off_px(strip) else { continue };
+            let Some(off_px) = truth.off_px(strip.middle, strip.outwards) else { continue };
+            let [off_mm, sigma_mm] = match &measured {
+                FaceOutcome::Measured(face) => measured_side(face, &truth, strip.outwards),
+                FaceOutcome::Rejected(_) => None,
+            }
+            .unwrap_or([f64::NAN; 2]);
             let strength = strip.values[(boxline::network::STRIP[1] * 2 - 1) * boxline::network::STRIP[2]];
             println!(
-                "{name},{},{},{},{off_px:.2},{:.4},{:.2},{:.4},{strength:.3},{told:.4},{seen:.6},{hidden:.4}",
+                "{name},{},{},{},{off_px:.2},{:.4},{:.2},{:.4},{strength:.3},{told:.4},{seen:.6},{hidden:.4},{off_mm:.3},{sigma_mm:.3}",
                 frame.id,
                 u8::from(face.refuse.is_some()),
                 strip.side,

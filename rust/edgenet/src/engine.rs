@@ -142,7 +142,9 @@ pub(crate) fn checked_shapes(inputs: &[Vec<i64>], outputs: &[Vec<i64>]) -> Resul
     };
     match (as_sizes(input).filter(|s| s[1] <= MOST_CHANNELS), as_sizes(output)) {
         (Some(input), Some(output)) => Ok([input, output]),
-        (None, _) => bad(format!("the network's input is {input:?}, 1 x channels x height x width is needed")),
+        (None, _) => {
+            bad(format!("the network's input is {input:?}, 1 x channels x height x width is needed"))
+        }
         (_, None) => bad(format!("the network's output is {output:?}, 1 x maps x height x width is needed")),
     }
 }

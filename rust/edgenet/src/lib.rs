@@ -188,7 +188,8 @@ impl Network for EdgeNet {
         }
         input.copy_from_slice(&view.values);
         let odds = SideOdds::from_logits(&engine.run()?);
-        odds.map(Some).ok_or_else(|| bad("the network of sides gives no probabilities; its weights are broken"))
+        odds.map(Some)
+            .ok_or_else(|| bad("the network of sides gives no probabilities; its weights are broken"))
     }
 
     fn line_log_odds(&self, strip: &LineStrip) -> Result<f32, Error> {

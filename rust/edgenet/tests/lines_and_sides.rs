@@ -1,8 +1,8 @@
 //! The networks of lines and of sides that ship: the same numbers as in training, on both runtimes.
 #![allow(clippy::unwrap_used)] // the helpers of tests are tests
 
-use boxline::network::{LineStrip, Network, STRIP};
 use boxline::frames::Plane;
+use boxline::network::{LineStrip, Network, STRIP};
 use boxline::sides::face_view::VIEW;
 use boxline::sides::{FaceView, SideOdds, ViewAxes};
 use boxline::{Calibration, ErrorKind, Px};
@@ -52,7 +52,8 @@ fn view() -> FaceView {
             }
         }
     }
-    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/calibration_set/calibration.json");
+    let file =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/calibration_set/calibration.json");
     let calibration: Calibration = boxline_proto::json::read_calibration(&file).unwrap();
     let plane = Plane::new([0.0, 0.0, 1e-3].into());
     // Along stripe 1, whatever the head.

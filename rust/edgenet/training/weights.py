@@ -59,6 +59,32 @@ def fit(sides: dict, used: list[int]) -> torch.Tensor:
     return (weights * mask).detach()
 
 
+def sure(sides: dict, w: torch.Tensor) -> torch.Tensor:
+    """SURE of rivals.rs: that a side's likeliest line is right, from the odds by all evidence, by the network of sides, and a pixel's size."""
+    x, y = [], []
+    for lines in sides.values():
+        mm_per_px, radius_mm = lines[0]["mm_per_px"], lines[0]["radius_mm"]
+        off_mm = np.array([l["off_px"] for l in lines]) * mm_per_px
+        p = torch.softmax(features(lines)[0] @ w, 0).numpy()
+        best = int(p.argmax())
+        near = np.abs(off_mm - off_mm[best]) <= SAME_PX * mm_per_px
+        odds = [float(np.clip(v / max(1 - v, 1e-12), 1e-4, 1e4)) for v in (p[near].sum(), lines[best]["seen"])]
+        x.append([1, *np.log(odds), np.log(mm_per_px)])
+        y.append(float(-(RIGHT_PX * mm_per_px + radius_mm) <= off_mm[best] <= RIGHT_PX * mm_per_px))
+    x, y = torch.tensor(np.array(x)), torch.tensor(y, dtype=torch.float64)
+    weights = torch.zeros(4, dtype=torch.float64, requires_grad=True)
+    optimiser = torch.optim.LBFGS([weights], max_iter=100)
+
+    def closure() -> torch.Tensor:
+        optimiser.zero_grad()
+        loss = torch.nn.functional.binary_cross_entropy_with_logits(x @ weights, y)
+        loss.backward()
+        return loss
+
+    optimiser.step(closure)
+    return weights.detach()
+
+
 def score(sides: dict, w: torch.Tensor) -> dict:
     losses, sides_right, faces = [], [], defaultdict(lambda: [1.0, True, 0])
     for (recording, frame, _), lines in sides.items():
@@ -92,6 +118,7 @@ def main() -> None:
     for name, used in (("lines alone", [0]), ("sides alone", [1]), ("both", [0, 1])):
         w = fit(learn, used)
         print(f"{name}: weights {[round(float(v), 3) for v in w]}; {json.dumps(score(choose, w))}")
+    print(f"sure, both files: {[round(float(v), 3) for v in sure(learn | choose, w)]}")
 
 
 if __name__ == "__main__":

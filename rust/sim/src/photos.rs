@@ -3,6 +3,9 @@
 use crate::error::Error;
 use boxline::Frame;
 use std::path::Path;
+use zune_core::bytestream::ZCursor;
+use zune_core::colorspace::ColorSpace;
+use zune_core::options::DecoderOptions;
 
 /// The longest side kept, px: more is never seen in a frame.
 const MOST_PX: usize = 1024;
@@ -28,7 +31,7 @@ pub struct Photos {
 }
 
 impl Photos {
-    /// Reads the JPEGs of a folder (no deeper) whose names are wanted. Files that core cannot decode are passed over: textures
+    /// Reads the JPEGs of a folder (no deeper) whose names are wanted. Files that cannot be decoded are passed over: textures
     /// are no input.
     ///
     /// # Errors
@@ -47,12 +50,19 @@ impl Photos {
                 continue;
             }
             let bytes = std::fs::read(path).map_err(|e| Error::file(path, e))?;
-            if let Ok(frame) = Frame::from_jpeg(&bytes) {
-                all.push(shrink(&frame, name));
-            }
+            all.extend(decoded(&bytes).map(|frame| shrink(&frame, name)));
         }
         Ok(Self { all })
     }
+}
+
+/// A photograph may be of any kind, also progressive, which core refuses as no camera's frame.
+fn decoded(jpeg: &[u8]) -> Option<Frame> {
+    let options = DecoderOptions::default().jpeg_set_out_colorspace(ColorSpace::RGB);
+    let mut decoder = zune_jpeg::JpegDecoder::new_with_options(ZCursor::new(jpeg), options);
+    let rgb = decoder.decode().ok()?;
+    let (width, height) = decoder.dimensions()?;
+    Frame::from_rgb(width, height, rgb).ok()
 }
 
 /// Averages over whole blocks until the longest side fits.

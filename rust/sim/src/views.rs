@@ -64,9 +64,8 @@ pub fn view_sample(seed: u64, stock: &Stock) -> Result<ViewSample, Error> {
         let stage = Stage::new(&scene, &view, &head, raster, &stock.photos, options);
         let film = expose_film(&stage);
         let rgb = Sensor::random(&mut rng, scene.light.noise).develop(&film, raster.scale() as f32, &mut rng);
-        let planes: Vec<f32> = (0..3)
-            .flat_map(|c| rgb.chunks_exact(3).map(move |px| f32::from(px[c]) / 255.0))
-            .collect();
+        let planes: Vec<f32> =
+            (0..3).flat_map(|c| rgb.chunks_exact(3).map(move |px| f32::from(px[c]) / 255.0)).collect();
         let picture = SmallPicture { size: SMALL, rgb: &planes };
         let values = FaceView::new(&picture, &head.calibration, &axes).values;
         let (bins, hidden) = sides(&head, &pose, &axes, scene.hidden.as_ref());

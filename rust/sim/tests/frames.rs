@@ -2,8 +2,8 @@
 
 #![allow(clippy::unwrap_used)] // the helpers of these tests are outside of test functions
 
-use boxline::{Frame, Px};
 use boxline::sides::face_view::{BINS, VIEW};
+use boxline::{Frame, Px};
 use boxline_sim::head::SENSOR_PX;
 use boxline_sim::labels::{CHANNELS, labels};
 use boxline_sim::material::kinds::words;
@@ -110,13 +110,21 @@ fn views_show_a_face_with_its_sides_where_their_bins_say() {
             (0..3).map(|c| i32::from(first.values[(c * rows + row) * columns + column])).collect::<Vec<_>>()
         };
         for side in 0..4 {
-            let Some(bin) = meta["bins"][side].as_f64().filter(|bin| (4.0..BINS as f64 - 8.0).contains(bin)) else { continue };
+            let Some(bin) = meta["bins"][side].as_f64().filter(|bin| (4.0..BINS as f64 - 8.0).contains(bin))
+            else {
+                continue;
+            };
             assert!(!meta["hidden"][side].as_bool().unwrap() || meta["refuse"] == "face_hidden");
             let far = |p: &[i32], q: &[i32]| p.iter().zip(q).map(|(p, q)| (p - q).abs()).max().unwrap();
             // Between the crossings there is always a piece of the side.
-            let step = |from: f64, to: f64| (BINS..columns - BINS).map(|k| far(&at(side, from, k), &at(side, to, k))).sum::<i32>();
+            let step = |from: f64, to: f64| {
+                (BINS..columns - BINS).map(|k| far(&at(side, from, k), &at(side, to, k))).sum::<i32>()
+            };
             sides += 1;
-            steps += i32::from(step(bin - 3.0, bin + 3.0) > 2 * step(bin - 3.5, bin - 1.5).max(step(bin + 1.5, bin + 3.5)) / 2);
+            steps += i32::from(
+                step(bin - 3.0, bin + 3.0)
+                    > 2 * step(bin - 3.5, bin - 1.5).max(step(bin + 1.5, bin + 3.5)) / 2,
+            );
         }
     }
     assert!(sides > 60 && steps * 10 > sides * 8, "{steps} of {sides} sides are steps");

@@ -176,7 +176,13 @@ mod tests {
         let raster = PlaneRaster::new(calibration, &plane, Px::new(324.0, 243.0), Px::new(400.0, 310.0))
             .expect("in view");
         let mm_per_px = raster.mm_per_px(calibration, OnPlane::zeros()).expect("in view");
-        RoughRectangle { raster, offsets_mm: [-140.3, 120.9, -90.2, 100.6], at_ends: [true; 4], mm_per_px }
+        RoughRectangle {
+            raster,
+            offsets_mm: [-140.3, 120.9, -90.2, 100.6],
+            at_ends: [true; 4],
+            spread_mm: [0.0; 4],
+            mm_per_px,
+        }
     }
 
     /// The picture of the rectangle, `face` grey on `ground` grey, 4 x 4 rays a pixel.

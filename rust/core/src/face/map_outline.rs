@@ -15,6 +15,8 @@ pub(crate) struct MapOutline {
     pub raster: PlaneRaster,
     /// Offsets of the sides in the order of [`SIDES`], mm.
     pub offsets_mm: [f64; 4],
+    /// As [`super::outline::RoughRectangle::spread_mm`].
+    pub spread_mm: [f64; 4],
     /// Size of a frame pixel on the face, mm.
     pub mm_per_px: f64,
     /// Frame pixels per pixel of the maps.
@@ -110,6 +112,7 @@ pub(crate) fn map_outline(
         overlap: candidate.exact_overlap(calibration, &base, maps),
         raster,
         offsets_mm: candidate.offsets_mm,
+        spread_mm: [0.0; 4],
         mm_per_px,
         px_per_raster_px: maps.px_per_raster_px(),
     })

@@ -64,6 +64,8 @@ pub(crate) struct RoughRectangle {
     pub offsets_mm: [f64; 4],
     /// Whether the ends of both stripes lie on the side (not so beside a flush neighbour).
     pub at_ends: [bool; 4],
+    /// How far other lines beside a side scatter that may be it as well, 1 sigma, mm; 0 where nothing tells.
+    pub spread_mm: [f64; 4],
     /// Size of a pixel on the face, mm.
     pub mm_per_px: f64,
 }

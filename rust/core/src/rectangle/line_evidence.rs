@@ -18,8 +18,18 @@ use crate::sides::{SideOdds, ViewAxes};
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Line {
     pub offset_mm: f64,
+    /// Logarithm of its weight among the lines of the side by all but the network of sides.
+    pub told: f64,
+    /// Probability that the network of sides gives its place; `None` without one.
+    pub seen: Option<f64>,
+}
+
+impl Line {
     /// Logarithm of its weight among the lines of the side.
-    pub log_weight: f64,
+    pub fn log_weight(&self) -> f64 {
+        self.seen
+            .map_or(self.told, |seen| TOLD_BY_LINE * self.told + SEEN_IN_PLANE * (seen + LEAST_SEEN).ln())
+    }
 }
 
 /// All that can speak for a line.
@@ -51,8 +61,10 @@ const OUTLINE: f64 = 1.47;
 const RUN_ON: f64 = 1.12;
 const RUN_ON_UNSEEN: f64 = -3.73;
 
-/// Weight of the network of sides: what it gives a place and a little, so that it never rules one out.
-const SEEN_IN_PLANE: f64 = 0.0;
+/// Weights of the networks of lines and of sides, fitted by maximum likelihood to the sides of rendered boxes of the learning seeds
+/// (`training/weights.py`); the latter's is that of the probability of a place and a little, so that it never rules one out.
+const TOLD_BY_LINE: f64 = 0.71;
+const SEEN_IN_PLANE: f64 = 0.71;
 const LEAST_SEEN: f64 = 1e-3;
 /// Its likeliest place is looked at as well if no edge of the picture is within so many px: some of its bins.
 const SEEN_APART_PX: f64 = 20.0;
@@ -140,10 +152,8 @@ impl Evidence<'_> {
             };
             let strip = strip(self.frame, self.calibration, self.raster, &self.asked.maps, &place)?;
             let told = self.asked.line_log_odds(&strip);
-            let seen = self.seen.map_or(0.0, |(axes, odds)| {
-                SEEN_IN_PLANE * (odds.at(axes, side, e.offset_mm) + LEAST_SEEN).ln()
-            });
-            Some(Line { offset_mm: e.offset_mm, log_weight: told + seen })
+            let seen = self.seen.map(|(axes, odds)| odds.at(axes, side, e.offset_mm));
+            Some(Line { offset_mm: e.offset_mm, told, seen })
         });
         lines.collect()
     }

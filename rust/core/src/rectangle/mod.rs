@@ -86,8 +86,11 @@ pub(crate) fn measure(
     }
     check_crossings(frame, calibration, fit)?;
     let lit = keep_out(calibration, face, rough);
-    let Sharpened { corrections, misplaced_mm } =
+    let Sharpened { mut corrections, misplaced_mm } =
         sharp_edge::sharpen(frame, calibration, face, fit, &rough.at_ends, &lit);
+    for (correction, spread_mm) in corrections.iter_mut().zip(rough.spread_mm) {
+        correction.sigma_mm = correction.sigma_mm.hypot(spread_mm);
+    }
     if let Some(off_mm) = misplaced_mm {
         let beyond_ends = off_mm.iter().filter(|off| **off < -TOO_FAR_PX * rough.mm_per_px).count() as u8;
         match attempt {
@@ -380,7 +383,7 @@ mod tests {
         let towards = crossing_px(calibration, &plane, l1, l4).expect("in view");
         let raster = PlaneRaster::new(calibration, &plane, at, towards).expect("in view");
         let mm_per_px = raster.mm_per_px(calibration, OnPlane::zeros()).expect("in view");
-        RoughRectangle { raster, offsets_mm: SIDES_MM, at_ends: [true; 4], mm_per_px }
+        RoughRectangle { raster, offsets_mm: SIDES_MM, at_ends: [true; 4], spread_mm: [0.0; 4], mm_per_px }
     }
 
     /// Its stripes, where it bulges by so much in the middle.

@@ -279,7 +279,8 @@ mod tests {
             }
         }
         let view = FaceView::new(&SmallPicture { size, rgb: &rgb }, &calibration, &axes);
-        let at = |channel: usize, row: usize, column: usize| view.values[(channel * CELLS + row) * CELLS + column];
+        let at =
+            |channel: usize, row: usize, column: usize| view.values[(channel * CELLS + row) * CELLS + column];
         let (low, high) = (BINS - 25, BINS + INNER + 25);
         for k in [low + 4, CELLS / 2, high - 5] {
             for (inside, outside) in [([k, low + 3], [k, low - 4]), ([high - 4, k], [high + 3, k])] {
@@ -290,8 +291,11 @@ mod tests {
         // The outermost crossings are where both drawn pairs meet.
         let brightest = |pair: usize| {
             let inner = BINS..BINS + INNER;
-            inner.clone().flat_map(|row| inner.clone().map(move |column| (row, column)))
-                .filter(|(row, column)| at(3 + pair, *row, *column) > 0.9).count()
+            inner
+                .clone()
+                .flat_map(|row| inner.clone().map(move |column| (row, column)))
+                .filter(|(row, column)| at(3 + pair, *row, *column) > 0.9)
+                .count()
         };
         assert!(brightest(0) > INNER && brightest(1) > INNER);
     }

@@ -62,7 +62,8 @@ impl SideOdds {
         // The mean of what is around it: places between two bins are shared by both.
         let around = best.saturating_sub(1)..(best + 2).min(BINS);
         let sum: f64 = around.clone().map(|bin| places[bin]).sum();
-        let mean = around.map(|bin| places[bin] * (bin as f64 + 0.5)).sum::<f64>() / sum.max(f64::MIN_POSITIVE);
+        let mean =
+            around.map(|bin| places[bin] * (bin as f64 + 0.5)).sum::<f64>() / sum.max(f64::MIN_POSITIVE);
         axes.offset_mm(side, mean)
     }
 

@@ -10,6 +10,8 @@ use super::{Error, invalid, seam};
 
 /// A block that takes so many bytes from a run of equal ones is no picture.
 const BYTES_OF_RUN: usize = 8;
+/// Seams of two colours are one if they are nearer than this part of a row: where a faint jump begins is known to that.
+const SAME_PLACE: usize = 4;
 
 /// Where the scan ends.
 pub(super) struct End {
@@ -134,9 +136,14 @@ impl<'a> Walk<'a> {
         invalid(format!("block {} of {} of the frame's data {what}", self.done, self.all))
     }
 
-    /// After all units.
+    /// After all units. A tear leaves each colour with a wrong level; a faint edge of the scene that is nearly level with the rows
+    /// looks the same in one of them.
     fn refuse_seams(&self, across: usize) -> Result<(), Error> {
-        match self.levels.iter().find_map(|levels| seam::find(levels, across)) {
+        let seams: Vec<_> = self.levels.iter().filter_map(|levels| seam::find(levels, across)).collect();
+        let together = seams.iter().enumerate().find(|(i, seam)| {
+            seams[..*i].iter().any(|other| other.unit.abs_diff(seam.unit) <= across / SAME_PLACE)
+        });
+        match together.map(|(_, seam)| seam) {
             Some(seam) => Err(invalid(format!(
                 "the frame's data jumps by {} grey levels before block {} of {}, and all that follows",
                 seam.jump,
