@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// The modules of `rust/core/src`, lowest first. A new module gets its line here.
-const MODULES: [&str; 27] = [
+const MODULES: [&str; 30] = [
     "eigen",
     "units",
     "error",
@@ -14,7 +14,9 @@ const MODULES: [&str; 27] = [
     "warning",
     "reject",
     "image",
+    "view",
     "network",
+    "confidence",
     "measurement",
     "alternatives",
     "camera",
@@ -28,6 +30,7 @@ const MODULES: [&str; 27] = [
     "calib",
     "diagnostics",
     "face",
+    "sides",
     "edges",
     "rectangle",
     "box_depth",

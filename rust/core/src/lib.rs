@@ -35,6 +35,7 @@ pub mod reject;
 pub mod sides;
 mod stripe;
 pub mod units;
+pub mod view;
 pub mod warning;
 
 pub use calibration::Calibration;

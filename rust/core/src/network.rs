@@ -4,10 +4,9 @@
 
 use crate::error::Error;
 use crate::image::Frame;
-use crate::image::small::{Downscaler, SMALL};
-use crate::sides::face_view::SmallPicture;
-use crate::sides::{FaceView, SideOdds};
+use crate::image::small::{Downscaler, SMALL, SmallPicture};
 use crate::units::{LaserId, Px};
+use crate::view::{FaceView, SideOdds};
 use std::cell::OnceCell;
 
 /// Number of maps.
@@ -234,6 +233,8 @@ pub struct LineStrip {
     pub outwards: [f64; 2],
     /// Logarithm of its odds by all else: what a network that knows nothing of lines gives.
     pub log_odds: f32,
+    /// In which bin of the face's view it lies ([`FaceView`]), if there is one.
+    pub bin: Option<f64>,
 }
 
 /// Finds stripes and edges in a frame, roughly (to about 2 px of a 512 px wide picture).

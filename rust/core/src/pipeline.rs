@@ -27,9 +27,10 @@ use crate::rectangle::hypothesize::{Which, cut_by_border, ends_seen, hypothesize
 use crate::rectangle::rivals::{Rival, rivals};
 use crate::rectangle::{self, Attempt, Measured};
 use crate::reject::Reject;
-use crate::sides::{FaceView, SideOdds, ViewAxes};
+use crate::sides::ViewAxes;
 use crate::stripe::grid_search::{self, Evidence, GridHypothesis};
 use crate::units::LaserId;
+use crate::view::SideOdds;
 use crate::warning::Warning;
 use std::sync::atomic::Ordering;
 use std::time::Instant;
@@ -402,7 +403,7 @@ fn seen_in_plane(
     asked: &Asked<'_>,
 ) -> Option<(ViewAxes, SideOdds)> {
     let axes = ViewAxes::of(calibration, outline.raster.on(&wide.fit.plane))?;
-    let odds = asked.sides(&FaceView::new(&asked.small(), calibration, &axes))?;
+    let odds = asked.sides(&axes.view(&asked.small(), calibration))?;
     Some((axes, odds))
 }
 

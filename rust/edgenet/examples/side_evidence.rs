@@ -8,10 +8,8 @@
 //! the measured one is, mm, if the face could be measured however unsure it is, and the larger sigma of its length and width.
 
 use boxline::network::{FaceMaps, LineStrip, Network};
-use boxline::sides::{FaceView, SideOdds};
-use boxline::{
-    Calibration, Error, FaceMeasurement, FaceOutcome, Frame, Px, Settings, StageTimes, measure_face,
-};
+use boxline::view::{FaceView, SideOdds};
+use boxline::{Error, FaceMeasurement, FaceOutcome, Frame, Px, Settings, StageTimes, measure_face};
 use boxline_edgenet::{EdgeNet, Options};
 use boxline_proto::json::{TruthFace, read_calibration, read_recording, read_truth};
 use std::path::{Path, PathBuf};
@@ -30,8 +28,7 @@ struct Row {
 /// The network that ships, which keeps what it says.
 struct Recorder<'a> {
     network: &'a EdgeNet,
-    calibration: &'a Calibration,
-    view: Mutex<Option<(FaceView, SideOdds)>>,
+    odds: Mutex<Option<SideOdds>>,
     rows: Mutex<Vec<Row>>,
 }
 
@@ -42,17 +39,15 @@ impl Network for Recorder<'_> {
 
     fn sides(&self, view: &FaceView) -> Result<Option<SideOdds>, Error> {
         let odds = self.network.sides(view)?;
-        *self.view.lock().unwrap_or_else(PoisonError::into_inner) = odds.clone().map(|o| (view.clone(), o));
+        *self.odds.lock().unwrap_or_else(PoisonError::into_inner) = odds.clone();
         Ok(odds)
     }
 
     fn line_log_odds(&self, strip: &LineStrip) -> Result<f32, Error> {
         let told = self.network.line_log_odds(strip)?;
-        let view = self.view.lock().unwrap_or_else(PoisonError::into_inner);
-        let seen = view.as_ref().and_then(|(view, odds)| {
-            let at = view.axes.px_on_plane_mm(self.calibration, strip.middle)?;
-            Some([odds.at(&view.axes, strip.side, at[strip.side / 2]), odds.hidden(strip.side)])
-        });
+        let odds = self.odds.lock().unwrap_or_else(PoisonError::into_inner);
+        let seen = odds.as_ref().zip(strip.bin);
+        let seen = seen.map(|(odds, bin)| [odds.at(strip.side, bin), odds.hidden(strip.side)]);
         let [seen, hidden] = seen.unwrap_or([f64::NAN; 2]);
         let row = Row { strip: strip.clone(), told, seen, hidden };
         self.rows.lock().unwrap_or_else(PoisonError::into_inner).push(row);
@@ -139,12 +134,7 @@ fn frames(network: &EdgeNet, folder: &Path) -> Outcome<()> {
         let Some(face) = truth.faces.iter().find(|f| f.frame == frame.id) else { continue };
         let Some(truth) = Truth::of(face) else { continue };
         let picture = Frame::from_jpeg(&std::fs::read(&frame.file)?)?;
-        let recorder = Recorder {
-            network,
-            calibration: &calibration,
-            view: Mutex::new(None),
-            rows: Mutex::new(Vec::new()),
-        };
+        let recorder = Recorder { network, odds: Mutex::new(None), rows: Mutex::new(Vec::new()) };
         let settings = Settings { network: Some(&recorder), least_confidence: 0.0, ..Settings::default() };
         let measured = measure_face(&picture, &calibration, &settings, &mut StageTimes::new())?;
         let rows = recorder.rows.into_inner().unwrap_or_else(PoisonError::into_inner);

@@ -16,7 +16,7 @@ pub use engine::{Engine, Options, Runtime};
 
 use boxline::image::small::Downscaler;
 use boxline::network::{CHANNELS, EdgeMapNetwork, FaceMaps, LineStrip, Network};
-use boxline::sides::{FaceView, SideOdds};
+use boxline::view::{FaceView, SideOdds};
 use boxline::{Error, ErrorKind, Frame};
 use std::num::NonZeroUsize;
 use std::path::Path;

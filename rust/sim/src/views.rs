@@ -1,7 +1,7 @@
 //! Faces in their own plane with the true places of their sides, for training the network of sides: the format `boxline-views/1`.
 //!
 //! First a line of JSON padded to 128 bytes, then per face: seed (u64), length of the meta data (u32, both little-endian), meta data
-//! (JSON), the view's values as bytes of 1/255 ([`boxline::sides::FaceView`]).
+//! (JSON), the view's values as bytes of 1/255 ([`boxline::view::FaceView`]).
 
 use crate::error::Error;
 use crate::head::{Head, SENSOR_PX};
@@ -15,8 +15,9 @@ use crate::stream::{padded, write_frames};
 use crate::truth::face_of;
 use crate::world::{Hidden, Plan, compose};
 use boxline::frames::{Plane, Point};
-use boxline::image::small::SMALL;
-use boxline::sides::face_view::{BINS, FaceView, SmallPicture, VIEW, ViewAxes};
+use boxline::image::small::{SMALL, SmallPicture};
+use boxline::sides::ViewAxes;
+use boxline::view::{BINS, VIEW};
 use serde_json::json;
 use std::io::Write;
 
@@ -67,7 +68,7 @@ pub fn view_sample(seed: u64, stock: &Stock) -> Result<ViewSample, Error> {
         let planes: Vec<f32> =
             (0..3).flat_map(|c| rgb.chunks_exact(3).map(move |px| f32::from(px[c]) / 255.0)).collect();
         let picture = SmallPicture { size: SMALL, rgb: &planes };
-        let values = FaceView::new(&picture, &head.calibration, &axes).values;
+        let values = axes.view(&picture, &head.calibration).values;
         let (bins, hidden) = sides(&head, &pose, &axes, scene.hidden.as_ref());
         let meta = json!({
             "bins": bins,

@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used)] // the helpers of these tests are outside of test functions
 
-use boxline::sides::face_view::{BINS, VIEW};
+use boxline::view::{BINS, VIEW};
 use boxline::{Frame, Px};
 use boxline_sim::head::SENSOR_PX;
 use boxline_sim::labels::{CHANNELS, labels};

@@ -1,6 +1,7 @@
 //! A frame made small for a network: every pixel is the mean of the area it covers, as in the frames networks are trained on.
 
 use super::Frame;
+use crate::units::Px;
 
 /// Columns and rows of the picture that networks see of a frame.
 pub const SMALL: [usize; 2] = [512, 384];
@@ -94,6 +95,38 @@ impl Downscaler {
             *sum =
                 f32::from(*whole) + f32::from(*first) * span.first_share + f32::from(*last) * span.last_share;
         }
+    }
+}
+
+/// A picture made small: red, green and blue planes (0 to 1), rows top to bottom, that cover the whole sensor.
+#[derive(Clone, Copy, Debug)]
+pub struct SmallPicture<'a> {
+    /// Columns and rows.
+    pub size: [usize; 2],
+    /// One plane after the other.
+    pub rgb: &'a [f32],
+}
+
+impl SmallPicture<'_> {
+    /// Bilinear; `None` outside.
+    pub(crate) fn at(&self, sensor: [f64; 2], px: Px) -> Option<[f32; 3]> {
+        let [width, height] = self.size;
+        let x = (px.u + 0.5) * width as f64 / sensor[0] - 0.5;
+        let y = (px.v + 0.5) * height as f64 / sensor[1] - 0.5;
+        if !(x > -0.5 && y > -0.5 && x < width as f64 - 0.5 && y < height as f64 - 0.5) {
+            return None;
+        }
+        let (x, y) = (x.clamp(0.0, (width - 1) as f64), y.clamp(0.0, (height - 1) as f64));
+        let (left, upper) = (x as usize, y as usize);
+        let (right, lower) = ((left + 1).min(width - 1), (upper + 1).min(height - 1));
+        let (fx, fy) = ((x - left as f64) as f32, (y - upper as f64) as f32);
+        let plane = width * height;
+        Some([0, 1, 2].map(|c| {
+            let value = |x: usize, y: usize| self.rgb[c * plane + y * width + x];
+            let above = value(left, upper) * (1.0 - fx) + value(right, upper) * fx;
+            let below = value(left, lower) * (1.0 - fx) + value(right, lower) * fx;
+            above * (1.0 - fy) + below * fy
+        }))
     }
 }
 

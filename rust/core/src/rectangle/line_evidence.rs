@@ -12,7 +12,8 @@ use crate::face::outline::{Across, SIDES, outward_sign, span_mm};
 use crate::face::raster::PlaneRaster;
 use crate::image::Frame;
 use crate::network::{Asked, Channel};
-use crate::sides::{SideOdds, ViewAxes};
+use crate::sides::ViewAxes;
+use crate::view::SideOdds;
 
 /// A line that may be a side.
 #[derive(Clone, Copy, Debug)]
@@ -128,7 +129,7 @@ impl Evidence<'_> {
             found.push(EdgeCandidate { offset_mm: own, strength: 0.0 });
         }
         if let Some((axes, odds)) = self.seen {
-            let offset_mm = odds.likeliest_mm(axes, side);
+            let offset_mm = axes.offset_mm(side, odds.likeliest(side));
             let in_range = outward_sign(side) * offset_mm > inner && outward_sign(side) * offset_mm < outer;
             if in_range && found.iter().all(|e| (e.offset_mm - offset_mm).abs() > SEEN_APART_PX * px) {
                 found.push(EdgeCandidate { offset_mm, strength: 0.0 });
@@ -149,10 +150,11 @@ impl Evidence<'_> {
                 away_px: outward_sign(side) * (e.offset_mm - own) / px,
                 strength: e.strength,
                 log_odds: (known + CORNERS_STOP * stop + CORNERS_SEEN * seen) as f32,
+                bin: self.seen.map(|(axes, _)| axes.bin(side, e.offset_mm)),
             };
             let strip = strip(self.frame, self.calibration, self.raster, &self.asked.maps, &place)?;
             let told = self.asked.line_log_odds(&strip);
-            let seen = self.seen.map(|(axes, odds)| odds.at(axes, side, e.offset_mm));
+            let seen = self.seen.zip(place.bin).map(|((_, odds), bin)| odds.at(side, bin));
             Some(Line { offset_mm: e.offset_mm, told, seen })
         });
         lines.collect()

@@ -41,6 +41,8 @@ pub(super) struct Place {
     pub away_px: f64,
     pub strength: f32,
     pub log_odds: f32,
+    /// As [`LineStrip::bin`].
+    pub bin: Option<f64>,
 }
 
 /// The strip of a line; `None` if the plane is not seen there.
@@ -100,7 +102,7 @@ pub(super) fn strip(
     let [_, middle, outside] = at_column(0.5 * COLUMNS as f64);
     let length_px = middle.distance_px(outside).max(f64::MIN_POSITIVE);
     let outwards = [(outside.u - middle.u) / length_px, (outside.v - middle.v) / length_px];
-    Some(LineStrip { values, side: place.side, middle, outwards, log_odds: place.log_odds })
+    Some(LineStrip { values, side: place.side, middle, outwards, log_odds: place.log_odds, bin: place.bin })
 }
 
 /// Mean colour of the pixels, 0 to 1; black outside of the frame.
@@ -161,6 +163,7 @@ mod tests {
                 away_px: 32.0,
                 strength: 0.5,
                 log_odds: 8.0,
+                bin: None,
             };
             let strip = strip(&frame, &head, &raster, &maps, &place).expect("in view");
             let value =

@@ -7,7 +7,8 @@ use crate::face::extent::FaceStripes;
 use crate::face::map_outline::MapOutline;
 use crate::image::Frame;
 use crate::network::Asked;
-use crate::sides::{SideOdds, ViewAxes};
+use crate::sides::ViewAxes;
+use crate::view::SideOdds;
 
 /// One of the outlines.
 #[derive(Clone, Debug)]

@@ -10,18 +10,10 @@ use crate::face::extent::{crossing_lasers, crossing_px};
 use crate::face::outline::{Across, SIDES, outward_sign};
 use crate::face::raster::{OnPlane, PlaneRaster};
 use crate::frames::{Cam, Plane, Point};
+use crate::image::small::SmallPicture;
 use crate::units::{LaserId, Px};
+use crate::view::{BINS, CELLS, FaceView, INNER, VIEW};
 use nalgebra::Vector3;
-
-/// Cells from the outermost crossing to the border, for each of the four sides: the places where the side may be.
-pub const BINS: usize = 112;
-/// Cells between the crossings, along each axis.
-const INNER: usize = 32;
-/// Columns and rows.
-const CELLS: usize = 2 * BINS + INNER;
-/// Channels, rows and columns of a view: red, green, blue (0 to 1); where stripes 1 and 2 lie on the plane (1) and would lie on a
-/// surface [`NEARER_MM`] nearer (a half); the same of stripes 3 and 4. All 0 outside the picture.
-pub const VIEW: [usize; 3] = [5, CELLS, CELLS];
 
 /// A bin at distance d from the crossing is (d + FINEST * grid) / PER_STEP wide: 1 % of the face or so everywhere.
 const FINEST: f64 = 0.5;
@@ -109,52 +101,11 @@ impl ViewAxes {
     }
 }
 
-/// A picture made small: red, green and blue planes (0 to 1), rows top to bottom, that cover the whole sensor.
-#[derive(Clone, Copy, Debug)]
-pub struct SmallPicture<'a> {
-    /// Columns and rows.
-    pub size: [usize; 2],
-    /// One plane after the other.
-    pub rgb: &'a [f32],
-}
-
-impl SmallPicture<'_> {
-    /// Bilinear; `None` outside.
-    fn at(&self, sensor: [f64; 2], px: Px) -> Option<[f32; 3]> {
-        let [width, height] = self.size;
-        let x = (px.u + 0.5) * width as f64 / sensor[0] - 0.5;
-        let y = (px.v + 0.5) * height as f64 / sensor[1] - 0.5;
-        if !(x > -0.5 && y > -0.5 && x < width as f64 - 0.5 && y < height as f64 - 0.5) {
-            return None;
-        }
-        let (x, y) = (x.clamp(0.0, (width - 1) as f64), y.clamp(0.0, (height - 1) as f64));
-        let (left, upper) = (x as usize, y as usize);
-        let (right, lower) = ((left + 1).min(width - 1), (upper + 1).min(height - 1));
-        let (fx, fy) = ((x - left as f64) as f32, (y - upper as f64) as f32);
-        let plane = width * height;
-        Some([0, 1, 2].map(|c| {
-            let value = |x: usize, y: usize| self.rgb[c * plane + y * width + x];
-            let above = value(left, upper) * (1.0 - fx) + value(right, upper) * fx;
-            let below = value(left, lower) * (1.0 - fx) + value(right, lower) * fx;
-            above * (1.0 - fy) + below * fy
-        }))
-    }
-}
-
-/// A face in its own plane.
-#[derive(Clone, Debug)]
-pub struct FaceView {
-    /// As [`VIEW`], rows along b.
-    pub values: Vec<f32>,
-    /// What its cells show.
-    pub axes: ViewAxes,
-}
-
-impl FaceView {
-    /// The view of a picture.
+impl ViewAxes {
+    /// The face of a picture in its own plane.
     #[must_use]
-    pub fn new(picture: &SmallPicture, calibration: &Calibration, axes: &ViewAxes) -> Self {
-        Self { values: values(picture, calibration, axes), axes: *axes }
+    pub fn view(&self, picture: &SmallPicture, calibration: &Calibration) -> FaceView {
+        FaceView { values: values(picture, calibration, self) }
     }
 }
 
@@ -278,7 +229,7 @@ mod tests {
                 }
             }
         }
-        let view = FaceView::new(&SmallPicture { size, rgb: &rgb }, &calibration, &axes);
+        let view = axes.view(&SmallPicture { size, rgb: &rgb }, &calibration);
         let at =
             |channel: usize, row: usize, column: usize| view.values[(channel * CELLS + row) * CELLS + column];
         let (low, high) = (BINS - 25, BINS + INNER + 25);

@@ -1,7 +1,5 @@
-//! Where a face ends: its picture in its own plane ([`face_view`]) and what a network that sees it says of the four sides ([`odds`]).
+//! Where a face ends: its picture in its own plane, as the network of sides sees it ([`face_view`]; what that says is in [`crate::view`]).
 
 pub mod face_view;
-pub mod odds;
 
-pub use face_view::{FaceView, ViewAxes};
-pub use odds::SideOdds;
+pub use face_view::ViewAxes;

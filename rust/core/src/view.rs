@@ -1,6 +1,22 @@
-//! What the network of sides says of a face: for each of its four sides where it is, and whether something hides a piece of it.
+//! What the network of sides sees, a face in its own plane ([`FaceView`]), and what it says of it ([`SideOdds`]): for each of the four sides
+//! where it is, and whether something hides a piece of it. Which places the bins are, [`crate::sides`] knows.
 
-use super::face_view::{BINS, ViewAxes};
+/// Cells from the outermost crossing to the border, for each of the four sides: the places where the side may be.
+pub const BINS: usize = 112;
+/// Cells between the crossings, along each axis.
+pub const INNER: usize = 32;
+/// Columns and rows.
+pub const CELLS: usize = 2 * BINS + INNER;
+/// Channels, rows and columns of a view: red, green, blue (0 to 1); where stripes 1 and 2 lie on the plane (1) and would lie on a
+/// surface a little nearer (a half); the same of stripes 3 and 4. All 0 outside the picture.
+pub const VIEW: [usize; 3] = [5, CELLS, CELLS];
+
+/// A face in its own plane.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FaceView {
+    /// As [`VIEW`].
+    pub values: Vec<f32>,
+}
 
 /// Numbers of one side as the network gives them: logits of the places, of "not in view", and of "hidden".
 const LOGITS: usize = BINS + 2;
@@ -17,7 +33,7 @@ struct Side {
     hidden: f64,
 }
 
-/// Probabilities of all four sides, in the order of [`ViewAxes`].
+/// Probabilities of all four sides: low and high along the rows, low and high along the columns.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SideOdds {
     sides: Vec<Side>,
@@ -42,10 +58,9 @@ impl SideOdds {
         Some(Self { sides: logits.chunks_exact(LOGITS).map(side).collect() })
     }
 
-    /// Probability that a side is at an offset, mm, to within [`SAME_BINS`].
+    /// Probability that a side is at a place, a bin and its fraction, to within [`SAME_BINS`].
     #[must_use]
-    pub fn at(&self, axes: &ViewAxes, side: usize, offset_mm: f64) -> f64 {
-        let middle = axes.bin(side, offset_mm);
+    pub fn at(&self, side: usize, middle: f64) -> f64 {
         let share = |bin: usize| {
             // Of a bin that the window covers in part.
             let (from, to) = (bin as f64, bin as f64 + 1.0);
@@ -54,17 +69,15 @@ impl SideOdds {
         self.sides[side].places.iter().enumerate().map(|(bin, p)| p * share(bin)).sum()
     }
 
-    /// The likeliest place of a side, mm.
+    /// The likeliest place of a side, a bin and its fraction.
     #[must_use]
-    pub fn likeliest_mm(&self, axes: &ViewAxes, side: usize) -> f64 {
+    pub fn likeliest(&self, side: usize) -> f64 {
         let places = &self.sides[side].places;
         let best = (0..BINS).max_by(|i, j| places[*i].total_cmp(&places[*j])).unwrap_or(0);
         // The mean of what is around it: places between two bins are shared by both.
         let around = best.saturating_sub(1)..(best + 2).min(BINS);
         let sum: f64 = around.clone().map(|bin| places[bin]).sum();
-        let mean =
-            around.map(|bin| places[bin] * (bin as f64 + 0.5)).sum::<f64>() / sum.max(f64::MIN_POSITIVE);
-        axes.offset_mm(side, mean)
+        around.map(|bin| places[bin] * (bin as f64 + 0.5)).sum::<f64>() / sum.max(f64::MIN_POSITIVE)
     }
 
     /// Probability that something in front of the face hides a piece of a side, its corners or a stripe's end there.
