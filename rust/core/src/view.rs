@@ -58,7 +58,7 @@ impl SideOdds {
         Some(Self { sides: logits.chunks_exact(LOGITS).map(side).collect() })
     }
 
-    /// Probability that a side is at a place, a bin and its fraction, to within [`SAME_BINS`].
+    /// Probability that a side is at a place, a bin and its fraction, to within two bins.
     #[must_use]
     pub fn at(&self, side: usize, middle: f64) -> f64 {
         let share = |bin: usize| {

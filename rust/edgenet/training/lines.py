@@ -208,7 +208,7 @@ def train(data: Sides, validation: Sides, options: argparse.Namespace) -> Lines:
 
 
 def check_strips() -> torch.Tensor:
-    """Made-up strips in whole numbers, the same as in ../tests/lines.rs."""
+    """Made-up strips in whole numbers, the same as in ../tests/lines_and_sides.rs."""
     n, c, row, column = np.meshgrid(np.arange(3), np.arange(CHANNELS), np.arange(ROWS), np.arange(COLUMNS), indexing="ij")
     levels = (n * 41 + c * 29 + row * 13 + column * 7 + (row * column) % 31) % 256
     return torch.tensor(levels / 255, dtype=torch.float32)

@@ -302,7 +302,7 @@ def train(options: argparse.Namespace, stop) -> None:
 
 
 def check_view() -> torch.Tensor:
-    """A made-up view in whole numbers, the same as in ../tests/sides.rs."""
+    """A made-up view in whole numbers, the same as in ../tests/lines_and_sides.rs."""
     c, row, column = np.meshgrid(np.arange(CHANNELS), np.arange(CELLS), np.arange(CELLS), indexing="ij")
     inside = (column >= 70) & (column < 190) & (row >= 90) & (row < 170)
     levels = np.where(inside, 150 - 30 * c, 60 + 10 * c) + (c * 29 + row * 13 + column * 7 + (row * column) % 31) % 23

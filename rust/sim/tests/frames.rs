@@ -105,7 +105,7 @@ fn views_show_a_face_with_its_sides_where_their_bins_say() {
         let [_, rows, columns] = VIEW;
         let at = |side: usize, out: f64, along: usize| {
             let inner = columns - 2 * BINS;
-            let cell = if side % 2 == 0 { BINS as f64 - out } else { (BINS + inner) as f64 + out };
+            let cell = if side.is_multiple_of(2) { BINS as f64 - out } else { (BINS + inner) as f64 + out };
             let (row, column) = if side < 2 { (along, cell as usize) } else { (cell as usize, along) };
             (0..3).map(|c| i32::from(first.values[(c * rows + row) * columns + column])).collect::<Vec<_>>()
         };

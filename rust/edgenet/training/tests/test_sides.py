@@ -41,7 +41,7 @@ def test_views_are_read_while_the_file_grows(tmp_path):
 
 def test_a_turned_face_has_its_sides_where_they_were_turned_to(tmp_path):
     path = tmp_path / "views.bin"
-    made_up(path, 1, np.random.default_rng(2))
+    made_up(path, 2, np.random.default_rng(2))
     views = sides.Views(path)
     for way in range(8):
         view, bins, hidden = sides.turned(views.view(0), *views.truth(0), way)
