@@ -456,6 +456,18 @@ impl NetworkArgs {
         }
     }
 
+    /// The library's settings for a way to measure with a network that was loaded so.
+    pub fn settings<'a>(&self, method: Method, edges: EdgeName, network: Option<&'a AnyNet>) -> Settings<'a> {
+        Settings {
+            method,
+            edges: edges.into(),
+            network: network.and_then(AnyNet::network),
+            edge_map: network.and_then(AnyNet::edge_map),
+            least_confidence: self.least_confidence,
+            ..Settings::default()
+        }
+    }
+
     /// How networks are run.
     pub fn options(&self) -> Options {
         let mut options = Options::default();
@@ -472,16 +484,11 @@ impl How {
             MethodName::Keypoints => Method::Keypoints,
         };
         Settings {
-            method,
-            edges: self.edges.into(),
             choose: choose.map(|number| usize::from(number).saturating_sub(1)),
-            network: network.and_then(AnyNet::network),
-            edge_map: network.and_then(AnyNet::edge_map),
             workers: Some(&Pool),
             drift_rad: self.drift_mrad * 1e-3,
-            least_confidence: self.network.least_confidence,
             free: self.free,
-            ..Settings::default()
+            ..self.network.settings(method, self.edges, network)
         }
     }
 }

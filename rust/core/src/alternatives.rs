@@ -16,6 +16,8 @@ pub(crate) struct Seen {
     pub alternatives: Vec<Alternative>,
     /// Why the likeliest does not count by itself.
     pub unsure: Option<Reject>,
+    /// Overlap of the outline with the network's mask (intersection over union); 0 without a network.
+    pub overlap: f64,
 }
 
 impl Seen {
@@ -42,8 +44,11 @@ const FAILS_THOUGH_RIGHT: f64 = 0.25;
 const SAME_PX: f64 = 3.0;
 
 /// Joins measurements that found the same edges, and lets those that failed count less; the likeliest first. Each face is told its
-/// probability.
-pub(crate) fn weighed(tried: Vec<Alternative>) -> Vec<Alternative> {
+/// confidence: its probability times what `located` says of it, that sides along the right lines are right.
+pub(crate) fn weighed(
+    tried: Vec<Alternative>,
+    located: impl Fn(&FaceMeasurement) -> f64,
+) -> Vec<Alternative> {
     let untried = (1.0 - tried.iter().map(|a| a.probability).sum::<f64>()).max(0.0);
     let mut kept: Vec<Alternative> = Vec::with_capacity(tried.len());
     for mut alternative in tried {
@@ -60,7 +65,7 @@ pub(crate) fn weighed(tried: Vec<Alternative>) -> Vec<Alternative> {
     for alternative in &mut kept {
         alternative.probability /= total.max(f64::MIN_POSITIVE);
         if let Ok(face) = &mut alternative.face {
-            face.confidence = Some(alternative.probability);
+            face.confidence = Some(alternative.probability * located(face));
         }
     }
     kept.sort_by(|a, b| b.probability.total_cmp(&a.probability));
@@ -124,12 +129,10 @@ mod tests {
 
     #[test]
     fn the_same_edges_count_together_and_failures_less() {
-        let kept = weighed(vec![
-            tried(0.3, 400.0, 200.0),
-            failed(0.4),
-            tried(0.2, 401.0, 200.5),
-            tried(0.1, 440.0, 200.0),
-        ]);
+        let kept = weighed(
+            vec![tried(0.3, 400.0, 200.0), failed(0.4), tried(0.2, 401.0, 200.5), tried(0.1, 440.0, 200.0)],
+            |_| 1.0,
+        );
         let told: Vec<f64> = kept.iter().map(|a| a.probability).collect();
         assert_eq!(told.len(), 3);
         let of_faces: Vec<_> = kept.iter().filter_map(|a| a.face.as_ref().ok()?.confidence).collect();
@@ -141,25 +144,31 @@ mod tests {
 
     #[test]
     fn the_shared_side_tells_which_of_two_lines_is_right() {
-        let doubtful =
-            Seen { alternatives: vec![tried(0.6, 400.0, 230.0), tried(0.4, 400.0, 200.0)], unsure: None };
-        let sure = Seen { alternatives: vec![tried(0.95, 300.0, 200.0)], unsure: None };
+        let doubtful = Seen {
+            alternatives: vec![tried(0.6, 400.0, 230.0), tried(0.4, 400.0, 200.0)],
+            unsure: None,
+            overlap: 0.0,
+        };
+        let sure = Seen { alternatives: vec![tried(0.95, 300.0, 200.0)], unsure: None, overlap: 0.0 };
         let pair = likeliest_pair([&doubtful, &sure], share_a_side).expect("one pair shares 200 mm");
         assert_eq!(pair.faces[0].width.value_mm, 200.0);
         // 0.38 agree, 0.57 disagree, 0.05 are unknown.
         let probability = 0.38 / (0.38 + 0.05 * 0.57 + 0.05);
         assert!((pair.probability - probability).abs() < 1e-9, "{}", pair.probability);
         // Where both lines leave the shared side as it is, it tells nothing.
-        let other = Seen { alternatives: vec![tried(0.95, 400.0, 300.0)], unsure: None };
+        let other = Seen { alternatives: vec![tried(0.95, 400.0, 300.0)], unsure: None, overlap: 0.0 };
         let pair = likeliest_pair([&doubtful, &other], share_a_side).expect("both lines share 400 mm");
         assert!((pair.probability - 0.57).abs() < 1e-9, "{}", pair.probability);
     }
 
     #[test]
     fn a_pair_that_agrees_by_chance_is_none() {
-        let likely =
-            Seen { alternatives: vec![tried(0.98, 400.0, 230.0), tried(0.02, 400.0, 200.0)], unsure: None };
-        let sure = Seen { alternatives: vec![tried(1.0, 300.0, 200.0)], unsure: None };
+        let likely = Seen {
+            alternatives: vec![tried(0.98, 400.0, 230.0), tried(0.02, 400.0, 200.0)],
+            unsure: None,
+            overlap: 0.0,
+        };
+        let sure = Seen { alternatives: vec![tried(1.0, 300.0, 200.0)], unsure: None, overlap: 0.0 };
         assert!(likeliest_pair([&likely, &sure], share_a_side).is_some_and(|pair| pair.probability < 0.5));
     }
 }

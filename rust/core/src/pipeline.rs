@@ -29,7 +29,7 @@ use crate::rectangle::{self, Attempt, Measured};
 use crate::reject::Reject;
 use crate::sides::ViewAxes;
 use crate::stripe::grid_search::{self, Evidence, GridHypothesis};
-use crate::units::LaserId;
+use crate::units::{Estimate, LaserId};
 use crate::view::SideOdds;
 use crate::warning::Warning;
 use std::sync::atomic::Ordering;
@@ -313,7 +313,7 @@ fn measure_on_plane(
             Err(_) => {}
         }
     }
-    Ok(Seen { alternatives, unsure: None })
+    Ok(Seen { alternatives, unsure: None, overlap: 0.0 })
 }
 
 /// Measures the face whose sides the paper's map shows.
@@ -337,7 +337,8 @@ fn measure_in_edge_map(
     rough.raster = rough.raster.on(&face.fit.plane);
     rough.at_ends = ends_seen(calibration, &face, &rough.raster).unwrap_or(rough.at_ends);
     let face = measure_rough(task, &face, &rough, clock)?;
-    Ok(Seen { alternatives: vec![Alternative { probability: 1.0, face: Ok(Box::new(face)) }], unsure: None })
+    let alternatives = vec![Alternative { probability: 1.0, face: Ok(Box::new(face)) }];
+    Ok(Seen { alternatives, unsure: None, overlap: 0.0 })
 }
 
 /// Measures the face along the outlines that it may have.
@@ -372,27 +373,19 @@ fn measure_seen_outline(
         probability: *probability,
         face: measure_outline(task, inner, outline, clock).map(Box::new),
     });
-    let mut alternatives = weighed(measured.collect());
+    let alternatives =
+        weighed(measured.collect(), |face| located([&face.length, &face.width], task.settings));
     // A plane on which no outline can be measured is none.
     if alternatives.iter().all(|a| a.face.is_err())
         && let Some(Alternative { face: Err(reject), .. }) = alternatives.first()
     {
         return Err(reject.clone());
     }
-    for alternative in &mut alternatives {
-        if let Ok(face) = &mut alternative.face {
-            let located = if weighs_sigma(task.settings) {
-                confidence::located([&face.length, &face.width])
-            } else {
-                1.0
-            };
-            face.confidence = Some(alternative.probability * located);
-        }
-    }
     let likeliest = alternatives.first().and_then(|a| a.face.as_ref().ok()?.confidence).unwrap_or(0.0);
+    let overlap = f64::from(outline.overlap);
     let unsure = (likeliest < task.settings.least_confidence)
-        .then(|| unclear(maps, likeliest, task.settings, f64::from(outline.overlap)));
-    Ok(Seen { alternatives, unsure })
+        .then(|| unclear(maps, likeliest, task.settings, overlap));
+    Ok(Seen { alternatives, unsure, overlap })
 }
 
 /// What the network of sides says of the face, seen in the plane of its stripes.
@@ -516,19 +509,10 @@ fn unsure(probability: f64, settings: &Settings, overlap: f64) -> Reject {
     }
 }
 
-/// Whether the sigmas of the sides are part of the confidence. The paper's key points have wide ones and are shown as the paper has them.
-fn weighs_sigma(settings: &Settings) -> bool {
-    settings.method == Method::Fit && settings.edges == EdgeMethod::Net
-}
-
-/// Probability that the sides of a box along the right lines are right.
-fn located(outcome: &Outcome, settings: &Settings) -> f64 {
-    match outcome {
-        Outcome::Measured(sides) | Outcome::Ambiguous([sides, _]) if weighs_sigma(settings) => {
-            confidence::located([&sides.length, &sides.width, &sides.height])
-        }
-        _ => 1.0,
-    }
+/// Probability that sides along the right lines are right. The paper's key points have wide sigmas and are shown as the paper has them.
+fn located<'a>(sides: impl IntoIterator<Item = &'a Estimate>, settings: &Settings) -> f64 {
+    let weighs_sigma = settings.method == Method::Fit && settings.edges == EdgeMethod::Net;
+    if weighs_sigma { confidence::located(sides) } else { 1.0 }
 }
 
 /// Every stripe must be seen on the plane, and the centres must scatter as they should.
@@ -608,38 +592,37 @@ pub fn measure_box_with_hints(
         }),
         _ => None,
     };
+    let (mut likeliest, mut doubt) = (None, None);
     if let Some(Pair { faces, agreed: (outcome, warnings, settled), probability }) = pair {
-        let confidence = probability * located(&outcome, settings);
+        let sides = match &outcome {
+            Outcome::Measured(sides) | Outcome::Ambiguous([sides, _]) => Some(*sides),
+            Outcome::Rejected(_) => None, // no pair
+        };
+        let located = sides.map(|s| located([&s.length, &s.width, &s.height], settings));
+        let confidence = probability * located.unwrap_or(1.0);
         if confidence >= settings.least_confidence {
             let faces = faces.map(|face| FaceOutcome::Measured(Box::new(face.clone())));
             let confidence = Some(confidence);
-            let report = BoxReport { outcome, faces, warnings, settled, confidence, likeliest: None };
+            let report = BoxReport { outcome, faces, warnings, settled, confidence, likeliest };
             return Ok((report, [None, None]));
         }
-        let likeliest = match outcome {
-            Outcome::Measured(sides) => Some(Candidate { sides, confidence }),
-            _ => None,
-        };
-        let (a, b) = (outcome_of(&a), outcome_of(&b));
-        let reject = match (&a, &b) {
-            (FaceOutcome::Rejected(r), _) | (_, FaceOutcome::Rejected(r)) => r.clone(),
-            _ => unsure(confidence, settings, 1.0),
-        };
-        let outcome = Outcome::Rejected(reject);
-        let report =
-            BoxReport { outcome, faces: [a, b], warnings, settled: None, confidence: None, likeliest };
-        return Ok((report, hints));
+        if let Outcome::Measured(sides) = outcome {
+            likeliest = Some(Candidate { sides, confidence });
+        }
+        let overlap = [&a, &b].map(|seen| seen.as_ref().map_or(0.0, |seen| seen.overlap));
+        doubt = Some(unsure(confidence, settings, overlap[0].min(overlap[1])));
     }
     let (a, b) = (outcome_of(&a), outcome_of(&b));
-    let (outcome, warnings, settled) = match (&a, &b) {
-        (FaceOutcome::Measured(a), FaceOutcome::Measured(b)) => {
-            assemble(frames, [a, b], calibration, settings)
-        }
-        (FaceOutcome::Rejected(r), _) | (_, FaceOutcome::Rejected(r)) => {
+    let (outcome, warnings, settled) = match (&a, &b, doubt) {
+        (FaceOutcome::Rejected(r), ..) | (_, FaceOutcome::Rejected(r), _) => {
             (Outcome::Rejected(r.clone()), Vec::new(), None)
         }
+        (_, _, Some(doubt)) => (Outcome::Rejected(doubt), Vec::new(), None),
+        (FaceOutcome::Measured(a), FaceOutcome::Measured(b), None) => {
+            assemble(frames, [a, b], calibration, settings)
+        }
     };
-    let report = BoxReport { outcome, faces: [a, b], warnings, settled, confidence: None, likeliest: None };
+    let report = BoxReport { outcome, faces: [a, b], warnings, settled, confidence: None, likeliest };
     if asks_network(settings) || !matches!(report.outcome, Outcome::Rejected(Reject::SidesDisagree { .. })) {
         return Ok((report, hints));
     }

@@ -28,7 +28,7 @@ const SAME_BINS: f64 = 2.0;
 /// Probabilities of one side.
 #[derive(Clone, Debug, PartialEq)]
 struct Side {
-    /// Of each place; with `gone` they add up to 1.
+    /// Of each place; with that of "not in view" they add up to 1.
     places: Vec<f64>,
     hidden: f64,
 }

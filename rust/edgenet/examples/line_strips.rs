@@ -6,12 +6,15 @@
 //! with the side (0 to 3), the distance outwards from the true side in px, the radius of the box's edges in px, the logarithm of the
 //! odds without this network and the three facts of [`LineStrip::values`]' last row; then the other rows as bytes of 1/255.
 
+mod true_face;
+
 use boxline::network::{FaceMaps, LineStrip, Network, STRIP};
 use boxline::{Error, Frame, Settings, StageTimes, measure_face};
 use boxline_edgenet::{EdgeNet, Options};
-use boxline_proto::json::{TruthFace, read_calibration, read_recording, read_truth};
+use boxline_proto::json::{read_calibration, read_recording, read_truth};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
+use true_face::{TrueFace, with_truth};
 
 type Outcome<T> = Result<T, Box<dyn std::error::Error>>;
 
@@ -32,45 +35,6 @@ impl Network for Recorder {
     }
 }
 
-/// The true face in the frame.
-struct Truth {
-    corners_px: [[f64; 2]; 4],
-    radius_px: f64,
-}
-
-impl Truth {
-    /// `None` if no face is in view.
-    fn of(face: &TruthFace) -> Option<Self> {
-        let (corners_px, [length_mm, width_mm]) = (face.corners_px?, face.size_mm?);
-        let doubled: f64 = (0..4)
-            .map(|i| {
-                let ([u, v], [x, y]) = (corners_px[i], corners_px[(i + 1) % 4]);
-                u * y - v * x
-            })
-            .sum();
-        let px_per_mm = (0.5 * doubled.abs() / (length_mm * width_mm)).sqrt();
-        let radius_mm = face.notes.edge_radius_mm.unwrap_or(0.0);
-        Some(Self { corners_px, radius_px: radius_mm * px_per_mm })
-    }
-
-    /// How far a line's middle is from the true side that looks the same way, px outwards.
-    fn off_px(&self, strip: &LineStrip) -> Option<f64> {
-        let [o, p] = strip.outwards;
-        let centre = [0, 1].map(|i| self.corners_px.iter().map(|c| c[i]).sum::<f64>() / 4.0);
-        let sides = (0..4).map(|i| {
-            let ([u, v], [x, y]) = (self.corners_px[i], self.corners_px[(i + 1) % 4]);
-            let length = (x - u).hypot(y - v);
-            let normal = [(y - v) / length, (u - x) / length];
-            let outside = (0.5 * (u + x) - centre[0]) * normal[0] + (0.5 * (v + y) - centre[1]) * normal[1];
-            let normal = normal.map(|n| n * outside.signum());
-            let facing = normal[0] * o + normal[1] * p;
-            (facing, (normal[0] * (strip.middle.u - u) + normal[1] * (strip.middle.v - v)) / facing)
-        });
-        let (facing, off_px) = sides.max_by(|a, b| a.0.total_cmp(&b.0))?;
-        (facing > 0.5).then_some(off_px)
-    }
-}
-
 fn main() -> Outcome<()> {
     let mut arguments = std::env::args_os().skip(1).map(PathBuf::from);
     let out = arguments.next().ok_or("a folder to write to and a folder with recordings are needed")?;
@@ -78,11 +42,8 @@ fn main() -> Outcome<()> {
     let recorder =
         Recorder { network: EdgeNet::embedded(&Options::default())?, strips: Mutex::new(Vec::new()) };
     for recordings in arguments {
-        let mut folders: Vec<PathBuf> =
-            std::fs::read_dir(&recordings)?.filter_map(|entry| Some(entry.ok()?.path())).collect();
-        folders.sort();
-        for folder in folders.iter().filter(|folder| folder.join("truth.json").is_file()) {
-            frames(&recorder, folder, &out)?;
+        for folder in with_truth(&recordings)? {
+            frames(&recorder, &folder, &out)?;
         }
     }
     Ok(())
@@ -97,7 +58,7 @@ fn frames(recorder: &Recorder, folder: &Path, out: &Path) -> Outcome<()> {
     for frame in &recording.frames {
         let file = out.join(format!("{name}{}.strips", frame.id));
         let face = truth.faces.iter().find(|f| f.frame == frame.id);
-        let Some(truth) = face.and_then(Truth::of).filter(|_| !file.exists()) else { continue };
+        let Some(truth) = face.and_then(TrueFace::of).filter(|_| !file.exists()) else { continue };
         let picture = Frame::from_jpeg(&std::fs::read(&frame.file)?)?;
         let settings = Settings { network: Some(recorder), ..Settings::default() };
         // What it measures does not matter here.
@@ -109,8 +70,8 @@ fn frames(recorder: &Recorder, folder: &Path, out: &Path) -> Outcome<()> {
         for strip in
             strips.iter().take_while(|strip| std::mem::replace(&mut before, strip.side) <= strip.side)
         {
-            let Some(off_px) = truth.off_px(strip) else { continue };
-            bytes.extend(record(strip, off_px as f32, truth.radius_px as f32));
+            let Some(off_px) = truth.off_px(strip.middle, strip.outwards) else { continue };
+            bytes.extend(record(strip, off_px as f32, (truth.radius_mm / truth.mm_per_px) as f32));
         }
         let unfinished = file.with_extension("unfinished");
         std::fs::write(&unfinished, bytes)?;

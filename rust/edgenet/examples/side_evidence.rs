@@ -7,13 +7,16 @@
 //! the probability that the network of sides gives its place, and that it gives the side to be hidden; how far outwards of the true side
 //! the measured one is, mm, if the face could be measured however unsure it is, and the larger sigma of its length and width.
 
+mod true_face;
+
 use boxline::network::{FaceMaps, LineStrip, Network};
 use boxline::view::{FaceView, SideOdds};
 use boxline::{Error, FaceMeasurement, FaceOutcome, Frame, Px, Settings, StageTimes, measure_face};
 use boxline_edgenet::{EdgeNet, Options};
-use boxline_proto::json::{TruthFace, read_calibration, read_recording, read_truth};
+use boxline_proto::json::{read_calibration, read_recording, read_truth};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
+use true_face::{TrueFace, with_truth};
 
 type Outcome<T> = Result<T, Box<dyn std::error::Error>>;
 
@@ -55,62 +58,21 @@ impl Network for Recorder<'_> {
     }
 }
 
-/// The true face in the frame.
-struct Truth {
-    corners_px: [[f64; 2]; 4],
-    mm_per_px: f64,
-    radius_mm: f64,
-}
-
-impl Truth {
-    /// `None` if no face is in view.
-    fn of(face: &TruthFace) -> Option<Self> {
-        let (corners_px, [length_mm, width_mm]) = (face.corners_px?, face.size_mm?);
-        let doubled: f64 = (0..4)
-            .map(|i| {
-                let ([u, v], [x, y]) = (corners_px[i], corners_px[(i + 1) % 4]);
-                u * y - v * x
-            })
-            .sum();
-        let mm_per_px = (length_mm * width_mm / (0.5 * doubled.abs())).sqrt();
-        Some(Self { corners_px, mm_per_px, radius_mm: face.notes.edge_radius_mm.unwrap_or(0.0) })
-    }
-
-    /// How far a line with this middle, seen from the face's inside in this direction, is from the true side that looks the same way, px outwards.
-    fn off_px(&self, middle: Px, [o, p]: [f64; 2]) -> Option<f64> {
-        let centre = [0, 1].map(|i| self.corners_px.iter().map(|c| c[i]).sum::<f64>() / 4.0);
-        let sides = (0..4).map(|i| {
-            let ([u, v], [x, y]) = (self.corners_px[i], self.corners_px[(i + 1) % 4]);
-            let length = (x - u).hypot(y - v);
-            let normal = [(y - v) / length, (u - x) / length];
-            let outside = (0.5 * (u + x) - centre[0]) * normal[0] + (0.5 * (v + y) - centre[1]) * normal[1];
-            let normal = normal.map(|n| n * outside.signum());
-            let facing = normal[0] * o + normal[1] * p;
-            (facing, (normal[0] * (middle.u - u) + normal[1] * (middle.v - v)) / facing)
-        });
-        let (facing, off_px) = sides.max_by(|a, b| a.0.total_cmp(&b.0))?;
-        (facing > 0.5).then_some(off_px)
-    }
-}
-
 fn main() -> Outcome<()> {
     let network = EdgeNet::embedded(&Options::default())?;
     println!(
         "recording,frame,refuse,side,off_px,mm_per_px,radius_mm,known,strength,told,seen,hidden,measured_off_mm,sigma_mm"
     );
     for recordings in std::env::args_os().skip(1).map(PathBuf::from) {
-        let mut folders: Vec<PathBuf> =
-            std::fs::read_dir(&recordings)?.filter_map(|entry| Some(entry.ok()?.path())).collect();
-        folders.sort();
-        for folder in folders.iter().filter(|folder| folder.join("truth.json").is_file()) {
-            frames(&network, folder)?;
+        for folder in with_truth(&recordings)? {
+            frames(&network, &folder)?;
         }
     }
     Ok(())
 }
 
 /// How far the measured side that looks this way is from the true one, and the face's sigma, mm.
-fn measured_side(face: &FaceMeasurement, truth: &Truth, [o, p]: [f64; 2]) -> Option<[f64; 2]> {
+fn measured_side(face: &FaceMeasurement, truth: &TrueFace, [o, p]: [f64; 2]) -> Option<[f64; 2]> {
     let corners = face.corners_px;
     let centre =
         [corners.iter().map(|c| c.u).sum::<f64>() / 4.0, corners.iter().map(|c| c.v).sum::<f64>() / 4.0];
@@ -132,7 +94,7 @@ fn frames(network: &EdgeNet, folder: &Path) -> Outcome<()> {
     let name = folder.file_name().unwrap_or_default().to_string_lossy();
     for frame in &recording.frames {
         let Some(face) = truth.faces.iter().find(|f| f.frame == frame.id) else { continue };
-        let Some(truth) = Truth::of(face) else { continue };
+        let Some(truth) = TrueFace::of(face) else { continue };
         let picture = Frame::from_jpeg(&std::fs::read(&frame.file)?)?;
         let recorder = Recorder { network, odds: Mutex::new(None), rows: Mutex::new(Vec::new()) };
         let settings = Settings { network: Some(&recorder), least_confidence: 0.0, ..Settings::default() };

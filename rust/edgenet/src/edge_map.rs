@@ -1,7 +1,7 @@
 //! The paper's kind of network (HED, IHED): a frame in, one map of stripes and edges out.
 
 use crate::engine::{Engine, Options};
-use crate::{State, read};
+use crate::{COLOURS, State, read};
 use boxline::network::{EdgeMap, EdgeMapNetwork};
 use boxline::{Error, ErrorKind, Frame};
 use std::path::Path;
@@ -19,7 +19,7 @@ impl EdgeMapNet {
     /// # Errors
     /// As [`crate::EdgeNet::from_path`].
     pub fn from_path(path: &Path, options: &Options) -> Result<Self, Error> {
-        let load = || Self::from_engine(Engine::load(&read(path)?, options)?);
+        let load = || Self::from_engine(Engine::load(&read(path)?, COLOURS, options)?);
         load().map_err(|e| e.in_context(path.display()))
     }
 
@@ -29,7 +29,7 @@ impl EdgeMapNet {
             let text = format!("the network gives {maps} maps, the paper's gives one");
             return Err(Error::new(ErrorKind::ModelFile, text));
         }
-        Ok(Self { state: Mutex::new(State::new(engine)?) })
+        Ok(Self { state: Mutex::new(State::new(engine)) })
     }
 }
 

@@ -43,9 +43,6 @@ impl Default for Options {
 /// Largest side of input and output that is accepted: a file must not make the program take all memory.
 const MOST_PX: usize = 4096;
 
-/// Most channels of an input.
-const MOST_CHANNELS: usize = 8;
-
 /// A network ready to run, with its input buffer.
 pub struct Engine {
     loaded: Loaded,
@@ -60,11 +57,11 @@ enum Loaded {
 }
 
 impl Engine {
-    /// Loads the bytes of an ONNX file with one input and one output, both of four fixed dimensions.
+    /// Loads the bytes of an ONNX file with one input of so many channels and one output, both of four fixed dimensions.
     ///
     /// # Errors
     /// [`ErrorKind::ModelFile`] or [`ErrorKind::NetworkRuntime`].
-    pub fn load(model: &[u8], options: &Options) -> Result<Self, Error> {
+    pub fn load(model: &[u8], channels: usize, options: &Options) -> Result<Self, Error> {
         let threads = options.threads.get();
         let library = match &options.runtime {
             Runtime::Auto => onnx_runtime::find()?,
@@ -72,8 +69,10 @@ impl Engine {
             Runtime::Tract => None,
         };
         let loaded = match library {
-            Some(environment) => Loaded::OnnxRuntime(OnnxSession::load(&environment, model, threads)?),
-            None => Loaded::Tract(TractPlan::load(model, threads)?),
+            Some(environment) => {
+                Loaded::OnnxRuntime(OnnxSession::load(&environment, model, channels, threads)?)
+            }
+            None => Loaded::Tract(TractPlan::load(model, channels, threads)?),
         };
         let [input_shape, output_shape] = match &loaded {
             Loaded::OnnxRuntime(session) => session.shapes(),
@@ -124,7 +123,11 @@ impl Engine {
 }
 
 /// The shapes of a file's inputs and outputs, if they are those of one image and its maps. Negative: not fixed.
-pub(crate) fn checked_shapes(inputs: &[Vec<i64>], outputs: &[Vec<i64>]) -> Result<[[usize; 4]; 2], Error> {
+pub(crate) fn checked_shapes(
+    inputs: &[Vec<i64>],
+    outputs: &[Vec<i64>],
+    channels: usize,
+) -> Result<[[usize; 4]; 2], Error> {
     let bad = |text: String| Err(Error::new(ErrorKind::ModelFile, text));
     let ([input], [output]) = (inputs, outputs) else {
         let text = format!(
@@ -140,10 +143,10 @@ pub(crate) fn checked_shapes(inputs: &[Vec<i64>], outputs: &[Vec<i64>]) -> Resul
             .ok()
             .filter(|s| s[0] == 1 && s.iter().all(|n| (1..=MOST_PX).contains(n)))
     };
-    match (as_sizes(input).filter(|s| s[1] <= MOST_CHANNELS), as_sizes(output)) {
+    match (as_sizes(input).filter(|s| s[1] == channels), as_sizes(output)) {
         (Some(input), Some(output)) => Ok([input, output]),
         (None, _) => {
-            bad(format!("the network's input is {input:?}, 1 x channels x height x width is needed"))
+            bad(format!("the network's input is {input:?}, 1 x {channels} x height x width is needed"))
         }
         (_, None) => bad(format!("the network's output is {output:?}, 1 x maps x height x width is needed")),
     }
@@ -156,10 +159,11 @@ mod tests {
     #[test]
     fn only_one_image_in_and_maps_out_of_it_are_accepted() {
         let good = (vec![1, 3, 384, 512], vec![1, 9, 192, 256]);
-        let checked = |input: &[i64], output: &[i64]| checked_shapes(&[input.to_vec()], &[output.to_vec()]);
+        let checked =
+            |input: &[i64], output: &[i64]| checked_shapes(&[input.to_vec()], &[output.to_vec()], 3);
         assert_eq!(checked(&good.0, &good.1).expect("good"), [[1, 3, 384, 512], [1, 9, 192, 256]]);
         for input in [
-            &[1, 9, 384, 512][..],
+            &[1, 4, 384, 512][..],
             &[2, 3, 384, 512],
             &[1, 3, -1, 512],
             &[1, 3, 384],
@@ -170,7 +174,7 @@ mod tests {
             assert!(e.kind() == ErrorKind::ModelFile && e.to_string().contains("input is"), "{e}");
         }
         assert!(checked(&good.0, &[9, 192, 256]).is_err());
-        assert!(checked_shapes(&[], std::slice::from_ref(&good.1)).is_err());
-        assert!(checked_shapes(std::slice::from_ref(&good.0), &[good.1.clone(), good.1]).is_err());
+        assert!(checked_shapes(&[], std::slice::from_ref(&good.1), 3).is_err());
+        assert!(checked_shapes(std::slice::from_ref(&good.0), &[good.1.clone(), good.1], 3).is_err());
     }
 }

@@ -15,8 +15,8 @@ pub use edge_map::EdgeMapNet;
 pub use engine::{Engine, Options, Runtime};
 
 use boxline::image::small::Downscaler;
-use boxline::network::{CHANNELS, EdgeMapNetwork, FaceMaps, LineStrip, Network};
-use boxline::view::{FaceView, SideOdds};
+use boxline::network::{CHANNELS, EdgeMapNetwork, FaceMaps, LineStrip, Network, STRIP};
+use boxline::view::{FaceView, SideOdds, VIEW};
 use boxline::{Error, ErrorKind, Frame};
 use std::num::NonZeroUsize;
 use std::path::Path;
@@ -28,6 +28,9 @@ const EMBEDDED: &[u8] = include_bytes!("../models/boxnet.onnx");
 const LINES: &[u8] = include_bytes!("../models/lines.onnx");
 /// The network of sides; `models/sides.md`.
 const SIDES: &[u8] = include_bytes!("../models/sides.onnx");
+
+/// Channels of a picture.
+const COLOURS: usize = 3;
 
 /// A loaded network. One frame at a time: calls from several threads wait for each other, so give each thread its own, or
 /// one of them more [`Options::threads`].
@@ -45,13 +48,9 @@ struct State {
 }
 
 impl State {
-    fn new(engine: Engine) -> Result<Self, Error> {
-        let [_, colours, height, width] = engine.input_shape();
-        if colours != 3 {
-            let text = format!("the network's input has {colours} channels, 3 are needed");
-            return Err(Error::new(ErrorKind::ModelFile, text));
-        }
-        Ok(Self { engine, downscaler: Downscaler::new([width, height]) })
+    fn new(engine: Engine) -> Self {
+        let [_, _, height, width] = engine.input_shape();
+        Self { engine, downscaler: Downscaler::new([width, height]) }
     }
 
     /// What the network says of a frame, and columns and rows of it.
@@ -87,7 +86,7 @@ impl AnyNet {
     /// As [`EdgeNet::from_path`].
     pub fn from_path(path: &Path, options: &Options) -> Result<Self, Error> {
         let load = || {
-            let engine = Engine::load(&read(path)?, options)?;
+            let engine = Engine::load(&read(path)?, COLOURS, options)?;
             let [_, maps, ..] = engine.output_shape();
             if maps == 1 {
                 EdgeMapNet::from_engine(engine).map(|net| Self::EdgeMap(Box::new(net)))
@@ -142,7 +141,7 @@ impl EdgeNet {
     /// # Errors
     /// As [`Self::from_path`].
     pub fn from_bytes(bytes: &[u8], options: &Options) -> Result<Self, Error> {
-        Self::from_engine(Engine::load(bytes, options)?, options)
+        Self::from_engine(Engine::load(bytes, COLOURS, options)?, options)
     }
 
     fn from_engine(engine: Engine, options: &Options) -> Result<Self, Error> {
@@ -153,11 +152,13 @@ impl EdgeNet {
         }
         // Too small for more than one thread.
         let single = Options { threads: NonZeroUsize::MIN, ..options.clone() };
-        let lines = Engine::load(LINES, &single).map_err(|e| e.in_context("embedded network of lines"))?;
-        let sides = Engine::load(SIDES, options).map_err(|e| e.in_context("embedded network of sides"))?;
+        let lines =
+            Engine::load(LINES, STRIP[0], &single).map_err(|e| e.in_context("embedded network of lines"))?;
+        let sides =
+            Engine::load(SIDES, VIEW[0], options).map_err(|e| e.in_context("embedded network of sides"))?;
         Ok(Self {
             runtime_name: engine.runtime_name(),
-            state: Mutex::new(State::new(engine)?),
+            state: Mutex::new(State::new(engine)),
             lines: Mutex::new(lines),
             sides: Mutex::new(sides),
         })
@@ -180,30 +181,30 @@ impl Network for EdgeNet {
     }
 
     fn sides(&self, view: &FaceView) -> Result<Option<SideOdds>, Error> {
-        let mut engine = self.sides.lock().unwrap_or_else(PoisonError::into_inner);
-        let bad = |text: &str| Error::new(ErrorKind::ModelFile, text);
-        let input = engine.input_mut();
-        if input.len() != view.values.len() {
-            return Err(bad("the network of sides wants another view"));
-        }
-        input.copy_from_slice(&view.values);
-        let odds = SideOdds::from_logits(&engine.run()?);
-        odds.map(Some)
-            .ok_or_else(|| bad("the network of sides gives no probabilities; its weights are broken"))
+        let odds = SideOdds::from_logits(&told(&self.sides, &view.values, "sides wants another view")?);
+        odds.map(Some).ok_or_else(|| bad_network("sides gives no probabilities; its weights are broken"))
     }
 
     fn line_log_odds(&self, strip: &LineStrip) -> Result<f32, Error> {
-        let mut engine = self.lines.lock().unwrap_or_else(PoisonError::into_inner);
-        let bad = |text: &str| Error::new(ErrorKind::ModelFile, text);
-        let input = engine.input_mut();
-        if input.len() != strip.values.len() {
-            return Err(bad("the network of lines wants another strip"));
-        }
-        input.copy_from_slice(&strip.values);
-        let told = engine.run()?;
+        let told = told(&self.lines, &strip.values, "lines wants another strip")?;
         let told = told.first().copied().filter(|told| told.is_finite());
-        told.ok_or_else(|| bad("the network of lines gives no number; its weights are broken"))
+        told.ok_or_else(|| bad_network("lines gives no number; its weights are broken"))
     }
+}
+
+fn bad_network(of: &str) -> Error {
+    Error::new(ErrorKind::ModelFile, format!("the network of {of}"))
+}
+
+/// What one of the small networks says of an input; `other` is what is wrong with one of another size.
+fn told(engine: &Mutex<Engine>, input: &[f32], other: &str) -> Result<Vec<f32>, Error> {
+    let mut engine = engine.lock().unwrap_or_else(PoisonError::into_inner);
+    let room = engine.input_mut();
+    if room.len() != input.len() {
+        return Err(bad_network(other));
+    }
+    room.copy_from_slice(input);
+    engine.run()
 }
 
 impl std::fmt::Debug for EdgeNet {

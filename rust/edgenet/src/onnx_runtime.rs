@@ -93,7 +93,12 @@ pub(crate) struct OnnxSession {
 }
 
 impl OnnxSession {
-    pub(crate) fn load(environment: &Environment, model: &[u8], threads: usize) -> Result<Self, Error> {
+    pub(crate) fn load(
+        environment: &Environment,
+        model: &[u8],
+        channels: usize,
+        threads: usize,
+    ) -> Result<Self, Error> {
         let mut builder = configured(environment, threads).map_err(|e| {
             Error::new(ErrorKind::NetworkRuntime, format!("ONNX Runtime gives no session: {e}"))
         })?;
@@ -108,7 +113,7 @@ impl OnnxSession {
             };
             outlets.iter().map(of).collect()
         };
-        let shapes = checked_shapes(&shapes_of(session.inputs()), &shapes_of(session.outputs()))?;
+        let shapes = checked_shapes(&shapes_of(session.inputs()), &shapes_of(session.outputs()), channels)?;
         Ok(Self { session, shapes, input: vec![0.0; shapes[0].iter().product()] })
     }
 

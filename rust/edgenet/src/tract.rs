@@ -14,12 +14,12 @@ pub(crate) struct TractPlan {
 }
 
 impl TractPlan {
-    pub(crate) fn load(model: &[u8], threads: usize) -> Result<Self, Error> {
+    pub(crate) fn load(model: &[u8], channels: usize, threads: usize) -> Result<Self, Error> {
         // Shapes first: they bound what the network can ask for.
         let (model, shapes) = guarded(|| parsed(model)).map_err(|text| {
             Error::new(ErrorKind::ModelFile, format!("tract cannot read the network: {text}"))
         })?;
-        let shapes = checked_shapes(&shapes[0], &shapes[1])?;
+        let shapes = checked_shapes(&shapes[0], &shapes[1], channels)?;
         let executor = if threads > 1 { Executor::multithread(threads) } else { Executor::SingleThread };
         let options = RunOptions { executor: Some(executor), ..RunOptions::default() };
         let (plan, input) = guarded(|| {

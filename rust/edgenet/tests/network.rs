@@ -67,7 +67,7 @@ const IHED: Exported = (IHED_TINY, include_str!("data/ihed-tiny.check.json"));
 fn difference_to_torch(runtime: Runtime, (model, check): Exported) -> f64 {
     let stored: serde_json::Value = serde_json::from_str(check).unwrap();
     let step = usize::try_from(stored["step"].as_u64().unwrap()).unwrap();
-    let mut engine = Engine::load(model, &options(runtime)).unwrap();
+    let mut engine = Engine::load(model, 3, &options(runtime)).unwrap();
     let [_, _, height, width] = engine.input_shape();
     engine.input_mut().copy_from_slice(&check_image(width, height));
     let values = engine.run().unwrap();

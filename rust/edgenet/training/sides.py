@@ -13,7 +13,6 @@ still be growing. A face turned or mirrored is a face: every visit takes one of 
 import argparse
 import hashlib
 import json
-import math
 import os
 import sys
 import time
@@ -32,6 +31,7 @@ import checkpoint
 import programs
 from export import folded
 from models import ConvNorm, Residual
+from train import follow, learning_rate
 
 CHANNELS, CELLS, BINS = 5, 256, 112
 INNER = CELLS - 2 * BINS
@@ -39,7 +39,6 @@ STEP = 4  # cells of the view a step of the features
 SPREAD_BINS = 0.7  # of the soft label about the true place: edges wave, crossings and planes are off by a little
 NEAR_BINS = 2.0  # a place counts as right within so many bins: 2 % of the face
 HIDDEN_WEIGHT = 0.3
-EMA_DECAY = 0.999
 WARM_UP_STEPS = 200
 OPSET = 17
 LARGEST_DIFFERENCE = 1e-3
@@ -197,10 +196,6 @@ def varied(pictures: torch.Tensor, rng: np.random.Generator) -> torch.Tensor:
     return pictures
 
 
-def learning_rate(peak: float, step: int, done: float) -> float:
-    return peak * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * min(done, 1.0)))) * min(1.0, (step + 1) / WARM_UP_STEPS)
-
-
 @torch.no_grad()
 def told_by(network: nn.Module, views: Views) -> torch.Tensor:
     network.eval()
@@ -277,16 +272,13 @@ def train(options: argparse.Namespace, stop) -> None:
         told = network(pictures.contiguous(memory_format=torch.channels_last))
         loss = loss_of(told, bins, hidden)
         for group in optimiser.param_groups:
-            group["lr"] = learning_rate(options.lr, step, step / steps)
+            group["lr"] = learning_rate(options.lr, step, step / steps, WARM_UP_STEPS)
         optimiser.zero_grad()
         loss.backward()
         nn.utils.clip_grad_norm_(network.parameters(), 2.0)
         optimiser.step()
         step += 1
-        with torch.no_grad():
-            decay = min(EMA_DECAY, (1 + step) / (10 + step))
-            for mine, its in zip(averaged.state_dict().values(), network.state_dict().values()):
-                mine.copy_(mine * decay + its * (1 - decay) if mine.is_floating_point() else its)
+        follow(averaged, network, step)
         losses.append(loss.item())
         now = time.monotonic()
         if now - reported > 20:

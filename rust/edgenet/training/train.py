@@ -131,10 +131,10 @@ class Task:
         return output.float().sigmoid() if self.boxnet else F.avg_pool2d(models.averaged(output), 2)
 
 
-def learning_rate(peak: float, sitting_step: int, done: float) -> float:
+def learning_rate(peak: float, sitting_step: int, done: float, warm_up_steps: int = WARM_UP_STEPS) -> float:
     """Warm-up by steps, then a cosine over the sitting down to 1 %."""
     cosine = 0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * min(done, 1.0)))
-    return peak * cosine * min(1.0, (sitting_step + 1) / WARM_UP_STEPS)
+    return peak * cosine * min(1.0, (sitting_step + 1) / warm_up_steps)
 
 
 @torch.no_grad()

@@ -9,11 +9,11 @@ use crate::labels::{CHANNELS, labels};
 use crate::pose::Refuse;
 use crate::raster::Raster;
 use crate::render::sensor::Sensor;
-use crate::render::{Options, Stage, expose_film};
+use crate::render::{Film, Options, Stage, expose_film};
 use crate::rng::Rng;
 use crate::stock::Stock;
 use crate::truth::face_of;
-use crate::world::{Plan, compose};
+use crate::world::{Plan, Scene, View, compose};
 use boxline::image::small::SMALL;
 use serde_json::json;
 use std::io::Write;
@@ -32,6 +32,30 @@ pub struct Sample {
     pub rgb: Vec<u8>,
     /// Labels, one channel after the other at half size.
     pub labels: Vec<u8>,
+}
+
+/// A small frame and what it was developed from.
+pub(crate) struct SmallFrame<'a> {
+    pub stage: Stage<'a>,
+    pub film: Film,
+    /// Pixels, three bytes each.
+    pub rgb: Vec<u8>,
+}
+
+/// Renders a view of a scene with the lasers on.
+pub(crate) fn small_frame<'a>(
+    scene: &Scene,
+    view: &View,
+    head: &Head,
+    stock: &'a Stock,
+    rng: &mut Rng,
+) -> SmallFrame<'a> {
+    let raster = Raster::covering(SENSOR_PX, FRAME_PX[0], FRAME_PX[1]);
+    let options = Options { lasers: true, speckle: true, seed: u64::from(rng.bits()) };
+    let stage = Stage::new(scene, view, head, raster, &stock.photos, options);
+    let film = expose_film(&stage);
+    let rgb = Sensor::random(rng, scene.light.noise).develop(&film, raster.scale() as f32, rng);
+    SmallFrame { stage, film, rgb }
 }
 
 /// Renders the frame of a seed with materials of the stock's split.
@@ -55,12 +79,7 @@ pub fn sample(seed: u64, stock: &Stock) -> Result<Sample, Error> {
         scene.light.laser_to_ambient *= rng.log_range(0.08, 1.0);
     }
     let view = scene.views[0];
-    let raster = Raster::covering(SENSOR_PX, FRAME_PX[0], FRAME_PX[1]);
-    let options = Options { lasers: true, speckle: true, seed: u64::from(rng.bits()) };
-    let stage = Stage::new(&scene, &view, &head, raster, &stock.photos, options);
-    let film = expose_film(&stage);
-    let sensor = Sensor::random(&mut rng, scene.light.noise);
-    let rgb = sensor.develop(&film, raster.scale() as f32, &mut rng);
+    let SmallFrame { stage, film, rgb } = small_frame(&scene, &view, &head, stock, &mut rng);
     let pose = face_of(&scene, &view);
     let labels = labels(&stage, &film, &head, pose.as_ref().map(|p| (p, view.face)));
     let contrast = labels.contrast.map(|c| (f64::from(c) * 10.0).round() / 10.0);

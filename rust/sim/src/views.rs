@@ -4,18 +4,15 @@
 //! (JSON), the view's values as bytes of 1/255 ([`boxline::view::FaceView`]).
 
 use crate::error::Error;
-use crate::head::{Head, SENSOR_PX};
+use crate::head::Head;
 use crate::pose::{FacePose, Refuse, inside, px_of};
-use crate::raster::Raster;
-use crate::render::sensor::Sensor;
-use crate::render::{Options, Stage, expose_film};
 use crate::rng::Rng;
 use crate::stock::Stock;
-use crate::stream::{padded, write_frames};
+use crate::stream::{FRAME_PX, padded, small_frame, write_frames};
 use crate::truth::face_of;
 use crate::world::{Hidden, Plan, compose};
 use boxline::frames::{Plane, Point};
-use boxline::image::small::{SMALL, SmallPicture};
+use boxline::image::small::SmallPicture;
 use boxline::sides::ViewAxes;
 use boxline::view::{BINS, VIEW};
 use serde_json::json;
@@ -60,14 +57,10 @@ pub fn view_sample(seed: u64, stock: &Stock) -> Result<ViewSample, Error> {
         let view = scene.views[0];
         let Some(pose) = face_of(&scene, &view) else { continue };
         let Some(axes) = measured_axes(&head, &pose, &mut rng) else { continue };
-        let raster = Raster::covering(SENSOR_PX, SMALL[0], SMALL[1]);
-        let options = Options { lasers: true, speckle: true, seed: u64::from(rng.bits()) };
-        let stage = Stage::new(&scene, &view, &head, raster, &stock.photos, options);
-        let film = expose_film(&stage);
-        let rgb = Sensor::random(&mut rng, scene.light.noise).develop(&film, raster.scale() as f32, &mut rng);
+        let rgb = small_frame(&scene, &view, &head, stock, &mut rng).rgb;
         let planes: Vec<f32> =
             (0..3).flat_map(|c| rgb.chunks_exact(3).map(move |px| f32::from(px[c]) / 255.0)).collect();
-        let picture = SmallPicture { size: SMALL, rgb: &planes };
+        let picture = SmallPicture { size: FRAME_PX, rgb: &planes };
         let values = axes.view(&picture, &head.calibration).values;
         let (bins, hidden) = sides(&head, &pose, &axes, scene.hidden.as_ref());
         let meta = json!({

@@ -122,8 +122,7 @@ fn views_show_a_face_with_its_sides_where_their_bins_say() {
             };
             sides += 1;
             steps += i32::from(
-                step(bin - 3.0, bin + 3.0)
-                    > 2 * step(bin - 3.5, bin - 1.5).max(step(bin + 1.5, bin + 3.5)) / 2,
+                step(bin - 3.0, bin + 3.0) > step(bin - 3.5, bin - 1.5).max(step(bin + 1.5, bin + 3.5)),
             );
         }
     }

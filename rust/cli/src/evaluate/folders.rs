@@ -5,7 +5,6 @@ use super::recorded::{Listed, Recorded};
 use super::{Broken, progress_bar, tables};
 use crate::Finished;
 use crate::args::EvaluateArgs;
-use boxline::Settings;
 use boxline_edgenet::AnyNet;
 use boxline_proto::json::read_calibration;
 
@@ -31,14 +30,7 @@ pub fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Finished> {
             };
             let recorded = Recorded::read(recording, truth)?;
             let judge = |&method| {
-                let settings = Settings {
-                    method,
-                    edges: edges.into(),
-                    network: network.as_ref().and_then(AnyNet::network),
-                    edge_map: network.as_ref().and_then(AnyNet::edge_map),
-                    least_confidence: args.network.least_confidence,
-                    ..Settings::default()
-                };
+                let settings = args.network.settings(method, edges, network.as_ref());
                 recorded.judge(&calibration, &settings, method)
             };
             methods.iter().map(judge).collect::<Result<Vec<_>, boxline::Error>>()

@@ -14,7 +14,7 @@ use crate::args::EvaluateArgs;
 use crate::input::Usage;
 use crate::overlay::{self, Headline, View};
 use anyhow::Context;
-use boxline::{Calibration, Method, Px, Settings};
+use boxline::{Calibration, Method, Px};
 use boxline_edgenet::AnyNet;
 use boxline_proto::json::{Recording, Truth, read_calibration};
 use clap::ValueEnum;
@@ -264,15 +264,8 @@ impl Bench<'_> {
                 (recorded, calibration, Some(*seed))
             }
         };
-        let edges = self.args.edges.flatten().unwrap_or_default().into();
-        let settings = Settings {
-            method: self.method,
-            edges,
-            network: network.and_then(AnyNet::network),
-            edge_map: network.and_then(AnyNet::edge_map),
-            least_confidence: self.args.network.least_confidence,
-            ..Settings::default()
-        };
+        let edges = self.args.edges.flatten().unwrap_or_default();
+        let settings = self.args.network.settings(self.method, edges, network);
         let score = recorded.judge(&calibration, &settings, self.method)?;
         let rows = rows_of(&job.name, seed, &recorded, &calibration, &score);
         if let Some(folder) = &self.args.overlays {

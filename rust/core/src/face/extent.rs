@@ -1,6 +1,8 @@
 //! How far each stripe stays on the face's plane: its ends are the key points D1-D8, unless a neighbour is flush.
 
+use super::outline::Across;
 use super::plane_fit::{PlaneFit, StripeObservation, fit_plane};
+use super::raster::PlaneRaster;
 use crate::calibration::Calibration;
 use crate::frames::{Cam, Plane, Ray};
 use crate::image::Frame;
@@ -119,6 +121,23 @@ pub(crate) fn crossing_px(
     }
     let x = x / x.z;
     calibration.camera().px_from_ray(&Ray::new(x.x, x.y))
+}
+
+/// How far out the outermost crossing of the stripes that cross a side is, mm from the middle of a raster on their plane.
+pub(crate) fn outermost_crossing_mm(
+    calibration: &Calibration,
+    raster: &PlaneRaster,
+    (across, high): (Across, bool),
+) -> Option<f64> {
+    let sign = if high { 1.0 } else { -1.0 };
+    let mut outermost_mm = f64::NEG_INFINITY;
+    for id in across.stripes() {
+        for other in crossing_lasers(id) {
+            let at = raster.on_plane(calibration, crossing_px(calibration, &raster.plane, id, other)?)?;
+            outermost_mm = outermost_mm.max(sign * across.offset(at));
+        }
+    }
+    Some(outermost_mm)
 }
 
 /// The two lasers that cross a laser's stripe.

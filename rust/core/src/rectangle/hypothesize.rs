@@ -6,7 +6,7 @@ use super::corners_outside;
 use super::key_points::crossing_on;
 use crate::calibration::Calibration;
 use crate::edges::side_scan::{EdgeCandidate, ScanRange, SideScan};
-use crate::face::extent::{FaceStripes, Limits, StripeEnd, crossing_lasers, crossing_px};
+use crate::face::extent::{FaceStripes, Limits, StripeEnd, crossing_px, outermost_crossing_mm};
 use crate::face::map_outline::MapOutline;
 use crate::face::outline::{Across, RoughRectangle, SIDES, outward_sign, span_mm};
 use crate::face::raster::{OnPlane, PlaneRaster};
@@ -312,18 +312,11 @@ pub(super) fn innermost(
     calibration: &Calibration,
     face: &FaceStripes,
     raster: &PlaneRaster,
-    (across, high): (Across, bool),
+    side: (Across, bool),
     mm_per_px: f64,
 ) -> Option<f64> {
-    let sign = if high { 1.0 } else { -1.0 };
-    let mut inner = f64::NEG_INFINITY;
-    for id in across.stripes() {
-        for other in crossing_lasers(id) {
-            let at = raster.on_plane(calibration, crossing_px(calibration, &face.fit.plane, id, other)?)?;
-            inner = inner.max(sign * across.offset(at));
-        }
-    }
-    Some(inner + face.half_width_px * mm_per_px)
+    let outermost_mm = outermost_crossing_mm(calibration, raster, side)?;
+    Some(outermost_mm + face.half_width_px * mm_per_px)
 }
 
 /// Offsets at which a side may lie; the one at the stripes' ends first.

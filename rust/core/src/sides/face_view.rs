@@ -6,7 +6,7 @@
 //! out are still in view.
 
 use crate::calibration::Calibration;
-use crate::face::extent::{crossing_lasers, crossing_px};
+use crate::face::extent::{crossing_px, outermost_crossing_mm};
 use crate::face::outline::{Across, SIDES, outward_sign};
 use crate::face::raster::{OnPlane, PlaneRaster};
 use crate::frames::{Cam, Plane, Point};
@@ -47,16 +47,9 @@ impl ViewAxes {
 
     /// Axes of a raster that is turned along the face.
     pub(crate) fn of(calibration: &Calibration, raster: PlaneRaster) -> Option<Self> {
-        let mut inner_mm = [f64::NEG_INFINITY; 4];
-        for (side, (across, _)) in SIDES.into_iter().enumerate() {
-            for id in across.stripes() {
-                for other in crossing_lasers(id) {
-                    let at = crossing_px(calibration, &raster.plane, id, other)?;
-                    let offset = across.offset(raster.on_plane(calibration, at)?);
-                    inner_mm[side] = inner_mm[side].max(outward_sign(side) * offset);
-                }
-            }
-            inner_mm[side] *= outward_sign(side);
+        let mut inner_mm = [0.0; 4];
+        for (side, inner_mm) in inner_mm.iter_mut().enumerate() {
+            *inner_mm = outward_sign(side) * outermost_crossing_mm(calibration, &raster, SIDES[side])?;
         }
         let grid_mm = 0.5 * (inner_mm[1] - inner_mm[0] + inner_mm[3] - inner_mm[2]);
         let sound = grid_mm.is_finite() && inner_mm[1] > inner_mm[0] && inner_mm[3] > inner_mm[2];
@@ -99,9 +92,7 @@ impl ViewAxes {
         let outer_high = (1..=BINS).map(|bin| self.offset_mm(high, bin as f64));
         outer_low.chain(inner).chain(outer_high).collect()
     }
-}
 
-impl ViewAxes {
     /// The face of a picture in its own plane.
     #[must_use]
     pub fn view(&self, picture: &SmallPicture, calibration: &Calibration) -> FaceView {
@@ -136,7 +127,7 @@ fn values(picture: &SmallPicture, calibration: &Calibration, axes: &ViewAxes) ->
     values
 }
 
-/// The mean of a cell's four quarters; `None` if its middle is outside the picture.
+/// The mean of a cell's four quarters; `None` if the middle of one is outside the picture.
 fn mean_colour(picture: &SmallPicture, sensor: [f64; 2], [p, q, r, s]: [Px; 4]) -> Option<[f32; 3]> {
     let mut sum = [0.0; 3];
     for (x, y) in [(0.25, 0.25), (0.75, 0.25), (0.25, 0.75), (0.75, 0.75)] {
@@ -215,7 +206,7 @@ mod tests {
         let size = [512, 384];
         let sensor = [f64::from(calibration.width_px()), f64::from(calibration.height_px())];
         let bounds = [0, 1, 2, 3].map(|side| axes.offset_mm(side, 25.0));
-        // Bright where the face is; red where stripe 1 or 2 lies on the plane.
+        // Bright where the face is.
         let mut rgb = vec![0.1f32; 3 * size[0] * size[1]];
         for y in 0..size[1] {
             for x in 0..size[0] {
@@ -239,7 +230,7 @@ mod tests {
                 assert!((at(1, outside[0], outside[1]) - 0.1).abs() < 0.05, "{outside:?} is beside it");
             }
         }
-        // The outermost crossings are where both drawn pairs meet.
+        // Between the crossings both stripes of each pair are drawn from side to side.
         let brightest = |pair: usize| {
             let inner = BINS..BINS + INNER;
             inner

@@ -13,7 +13,7 @@ use crate::input::{Usage, lit_faces};
 use crate::overlay::{self, Headline, View};
 use anyhow::Context;
 use boxline::{
-    BoxReport, Calibration, Estimate, FaceOutcome, Frame, Method, Outcome, Settings, StageTimes, measure_box,
+    BoxReport, Calibration, Estimate, FaceOutcome, Frame, Method, Outcome, StageTimes, measure_box,
     measure_face,
 };
 use boxline_edgenet::AnyNet;
@@ -227,15 +227,7 @@ impl Bench<'_> {
         change: Option<&Perturbation>,
     ) -> anyhow::Result<Found> {
         let edges = self.args.edges.flatten().unwrap_or_default();
-        let network = self.networks.own();
-        let settings = Settings {
-            method: self.method,
-            edges: edges.into(),
-            network: network.and_then(AnyNet::network),
-            edge_map: network.and_then(AnyNet::edge_map),
-            least_confidence: self.args.network.least_confidence,
-            ..Settings::default()
-        };
+        let settings = self.args.network.settings(self.method, edges, self.networks.own());
         let (calibration, times) = (subject.calibration, &mut StageTimes::new());
         let in_context = |e: boxline::Error| e.in_context(&subject.name);
         let (found, faces, headline) = if let (Due::Box(truth_mm), [a, b]) = (&subject.due, frames) {
