@@ -60,7 +60,7 @@ class MainActivityTest {
     private val measured = MeasureResult.Measured(size(550.41, 349.78, 300.09), 0.99, listOf(bulge, Warning("face_not_flat", 1, emptyMap(), "")), record)
     private val moves = listOf(Move.Farther(Millimetres(234.0)), Move.Aim(Radians(-0.1), Radians(0.001)))
     private val cut = Reason("face_cut_by_border", emptyMap(), "", moves, "")
-    private val ambiguous = MeasureResult.Ambiguous(size(400.0, 400.0, 250.0), size(400.0, 250.0, 250.0), emptyList(), record)
+    private val ambiguous = MeasureResult.Ambiguous(size(400.0, 400.0, 250.0), size(400.0, 250.0, 250.0), 0.99, emptyList(), record)
     private val square = listOf(500.0 to 400.0, 2100.0 to 500.0, 2000.0 to 1500.0, 450.0 to 1400.0).map { (u, v) -> SensorPoint(u, v) }
     private val face = FaceView.Measurable(length(400.0), length(300.0), square, listOf(square[0] to square[2], square[1] to square[3]), true, 0.99, emptyList())
 
