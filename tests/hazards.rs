@@ -87,7 +87,7 @@ fn one_colour_print_and_tape() {
         let Some(folder) = shared(&format!("recordings/{name}")) else { return };
         let recorded = Recorded::read_from(&folder);
         let [a, b] = ["a", "b"].map(|id| recorded.frame(id));
-        let report = measure_box(&a, &b, &recorded.calibration, &settings, &mut Vec::new()).unwrap();
+        let report = measure_box(&[&a, &b], &recorded.calibration, &settings, &mut Vec::new()).unwrap();
         if let Outcome::Measured(found) = &report.outcome {
             assert!(!is_wrong_box(found, recorded.truth.box_mm.unwrap()), "{name}: {found:?}");
         }

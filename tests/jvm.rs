@@ -64,14 +64,15 @@ fn a_jvm_gets_the_same_bytes_and_typed_failures() {
     let calibration = read_calibration(&recording.calibration_file).unwrap();
     let (a, b) = (frame("a"), frame("b"));
     let (report, hints) =
-        measure_box_with_hints(&a, &b, &calibration, &Settings::default(), &mut StageTimes::new()).unwrap();
+        measure_box_with_hints(&[&a, &b], &calibration, &Settings::default(), &mut StageTimes::new())
+            .unwrap();
     let by_jvm = std::fs::read(&measured).unwrap();
-    assert_eq!(by_jvm, encode_report(&report, &hints, ["a", "b"]), "the bytes differ");
+    assert_eq!(by_jvm, encode_report(&report, &hints, &["a", "b"]), "the bytes differ");
     // The same numbers as `boxline measure --json` prints, digit by digit.
     let decoded = decode_report(&by_jvm).unwrap();
     assert_eq!(
-        report_json(&decoded.report, &decoded.hints, ["a", "b"]).to_string(),
-        report_json(&report, &hints, ["a", "b"]).to_string()
+        report_json(&decoded.report, &decoded.hints, &["a", "b"]).to_string(),
+        report_json(&report, &hints, &["a", "b"]).to_string()
     );
 }
 

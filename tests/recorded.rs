@@ -28,7 +28,7 @@ fn settings(method: Method) -> Settings<'static> {
 }
 
 fn measure(first: &Frame, second: &Frame, recorded: &Recorded, settings: &Settings) -> BoxReport {
-    measure_box(first, second, &recorded.calibration, settings, &mut Vec::new()).unwrap()
+    measure_box(&[first, second], &recorded.calibration, settings, &mut Vec::new()).unwrap()
 }
 
 fn check_side(what: &str, found: Estimate, truth_mm: f64, limits: Limits) {
@@ -176,8 +176,8 @@ fn recorded_frames_of_another_size_do_not_fit_the_calibration() {
     let rows = whole.height_px() - 2;
     let rgb = whole.rgb()[..whole.width_px() * rows * 3].to_vec();
     let cut = Frame::from_rgb(whole.width_px(), rows, rgb).unwrap();
-    let error =
-        measure_box(&whole, &cut, &recorded.calibration, &Settings::default(), &mut Vec::new()).unwrap_err();
+    let error = measure_box(&[&whole, &cut], &recorded.calibration, &Settings::default(), &mut Vec::new())
+        .unwrap_err();
     assert_eq!(error.kind(), ErrorKind::CalibrationMismatch);
     let text = error.to_string();
     assert!(
@@ -249,14 +249,14 @@ fn frames_side_by_side_give_the_same_report_as_one_after_the_other() {
     let alone = settings(Method::Fit);
     let together = Settings { workers: Some(&TwoThreads), ..alone };
     let (mut times, mut times_together) = (Vec::new(), Vec::new());
-    let report = measure_box(&a, &b, &recorded.calibration, &alone, &mut times).unwrap();
-    let same = measure_box(&a, &b, &recorded.calibration, &together, &mut times_together).unwrap();
+    let report = measure_box(&[&a, &b], &recorded.calibration, &alone, &mut times).unwrap();
+    let same = measure_box(&[&a, &b], &recorded.calibration, &together, &mut times_together).unwrap();
     assert_eq!(format!("{report:?}"), format!("{same:?}"));
     let stages = |times: &[(&'static str, u64)]| times.iter().map(|(stage, _)| *stage).collect::<Vec<_>>();
     assert_eq!(stages(&times), stages(&times_together));
 
     let idle = Settings { workers: Some(&Idle), ..alone };
-    let error = measure_box(&a, &b, &recorded.calibration, &idle, &mut Vec::new()).unwrap_err();
+    let error = measure_box(&[&a, &b], &recorded.calibration, &idle, &mut Vec::new()).unwrap_err();
     assert_eq!(error.kind(), ErrorKind::Cancelled, "{error}");
 }
 

@@ -57,17 +57,18 @@ fn report(outcome: Outcome) -> BoxReport {
     let rejected = FaceOutcome::Rejected(Reject::RectangleOpen { sides_found: 3 });
     let warnings = vec![warning(WarningKind::SidesDiffer)];
     let settled = Some(DepthSeen { depth: Estimate::new(300.5, 2.0), log_odds: 14.5, stripes: 3 });
-    let faces = [FaceOutcome::Measured(Box::new(face())), rejected];
+    let faces = vec![FaceOutcome::Measured(Box::new(face())), rejected];
     let (confidence, likeliest) = match outcome {
-        Outcome::Rejected(_) => (None, Some(Candidate { sides: sides(310.0), confidence: 0.5 })),
-        _ => (Some(0.75), None),
+        Outcome::Rejected(_) => (None, vec![Candidate { sides: sides(310.0), confidence: 0.5 }]),
+        _ => (Some(0.75), Vec::new()),
     };
-    BoxReport { outcome, faces, warnings, settled, confidence, likeliest }
+    let third_face_helps = confidence.is_none();
+    BoxReport { outcome, faces, warnings, settled, confidence, likeliest, third_face_helps }
 }
 
 /// For the rejected one of its two faces.
-fn hints() -> [Option<Hint>; 2] {
-    [None, Some(Hint { moves: vec![Move::RollClockwise(0.2), Move::Closer(Some(200.0))] })]
+fn hints() -> Vec<Option<Hint>> {
+    vec![None, Some(Hint { moves: vec![Move::RollClockwise(0.2), Move::Closer(Some(200.0))] })]
 }
 
 fn every_reject() -> Vec<Reject> {
@@ -132,11 +133,11 @@ fn a_measured_box_as_json() {
         "candidates": [], "reject": null, "faces": [entry, rejected],
         "warnings": [between],
         "settled": {"depth_mm": estimate(300.5, 2.0), "log_odds": 14.5, "stripes": 3},
-        "confidence": 0.75, "likeliest": null,
+        "confidence": 0.75, "likeliest": [], "third_face_helps": false,
     });
-    assert_eq!(report_json(&measured, &hints(), ["a", "b"]), expected);
+    assert_eq!(report_json(&measured, &hints(), &["a", "b"]), expected);
     assert!(
-        report_json(&measured, &hints(), ["a", "b"]).to_string().starts_with("{\"outcome\":"),
+        report_json(&measured, &hints(), &["a", "b"]).to_string().starts_with("{\"outcome\":"),
         "people read it from the top"
     );
 
@@ -144,13 +145,13 @@ fn a_measured_box_as_json() {
         "outcome": "measured",
         "length_mm": estimate(550.5, 0.25), "width_mm": estimate(300.0, 0.1),
         "height_mm": null, "volume_m3": null, "candidates": [], "reject": null, "faces": [entry], "warnings": [],
-        "settled": null, "confidence": 0.9375, "likeliest": null,
+        "settled": null, "confidence": 0.9375, "likeliest": [], "third_face_helps": false,
     });
     assert_eq!(face_json(&measured.faces[0], None, "a"), expected);
     let expected = json!({
         "outcome": "rejected", "length_mm": null, "width_mm": null, "height_mm": null, "volume_m3": null,
         "candidates": [], "reject": reject, "faces": [rejected], "warnings": [],
-        "settled": null, "confidence": null, "likeliest": null,
+        "settled": null, "confidence": null, "likeliest": [], "third_face_helps": false,
     });
     assert_eq!(face_json(&measured.faces[1], hints()[1].as_ref(), "b"), expected);
 }
@@ -169,7 +170,7 @@ fn warning_entry(kind: WarningKind) -> Value {
 
 #[test]
 fn ambiguous_and_rejected_boxes_as_json() {
-    let both = report_json(&report(Outcome::Ambiguous([sides(300.0), sides(350.5)])), &hints(), ["a", "b"]);
+    let both = report_json(&report(Outcome::Ambiguous([sides(300.0), sides(350.5)])), &hints(), &["a", "b"]);
     assert_eq!(
         (&both["outcome"], &both["length_mm"], &both["reject"]),
         (&json!("ambiguous"), &Value::Null, &Value::Null)
@@ -177,12 +178,13 @@ fn ambiguous_and_rejected_boxes_as_json() {
     assert_eq!(both["candidates"][1]["height_mm"], estimate(350.5, 0.1));
     assert_eq!(both["candidates"].as_array().unwrap().len(), 2);
     for reject in every_reject() {
-        let object = report_json(&report(Outcome::Rejected(reject.clone())), &hints(), ["a", "b"]);
+        let object = report_json(&report(Outcome::Rejected(reject.clone())), &hints(), &["a", "b"]);
         assert_eq!(object["reject"]["reason"], reject.reason());
         assert_eq!(object["reject"]["text"], reject.to_string());
         assert_eq!(object["confidence"], Value::Null);
-        assert_eq!(object["likeliest"]["height_mm"], estimate(310.0, 0.1));
-        assert_eq!(object["likeliest"]["confidence"], 0.5);
+        assert_eq!(object["likeliest"][0]["height_mm"], estimate(310.0, 0.1));
+        assert_eq!(object["likeliest"][0]["confidence"], 0.5);
+        assert_eq!(object["third_face_helps"], true);
         for (name, value) in reject.numbers() {
             assert_eq!(object["reject"][name], value);
         }
@@ -203,8 +205,8 @@ fn reports_there_and_back() {
     outcomes.extend(every_reject().into_iter().map(Outcome::Rejected));
     for outcome in outcomes {
         let report = report(outcome);
-        let bytes = encode_report(&report, &hints(), ["a", "b"]);
-        let frame_ids = ["a".to_owned(), "b".to_owned()];
+        let bytes = encode_report(&report, &hints(), &["a", "b"]);
+        let frame_ids = vec!["a".to_owned(), "b".to_owned()];
         assert_eq!(decode_report(&bytes).unwrap(), DecodedReport { report, hints: hints(), frame_ids });
     }
 }
@@ -220,8 +222,8 @@ fn every_move_there_and_back() {
         Move::Aim { right_rad: 0.25, down_rad: -0.125 },
         Move::LookStraighter(0.75),
     ];
-    let hints = [Some(Hint { moves }), None];
-    let bytes = encode_report(&report(Outcome::Measured(sides(300.0))), &hints, ["a", "b"]);
+    let hints = vec![Some(Hint { moves }), None];
+    let bytes = encode_report(&report(Outcome::Measured(sides(300.0))), &hints, &["a", "b"]);
     assert_eq!(decode_report(&bytes).unwrap().hints, hints);
 }
 
@@ -237,9 +239,20 @@ fn calibrations_and_recordings_there_and_back() {
 }
 
 #[test]
+fn three_faces_go_round_as_well() {
+    let mut report = report(Outcome::Measured(sides(300.0)));
+    report.faces.push(FaceOutcome::Measured(Box::new(face())));
+    let hints = [hints(), vec![None]].concat();
+    let decoded = decode_report(&encode_report(&report, &hints, &["a", "b", "c"])).unwrap();
+    assert_eq!((&decoded.report, &decoded.hints), (&report, &hints));
+    assert_eq!(decoded.frame_ids, ["a", "b", "c"]);
+    assert_eq!(report_json(&report, &hints, &["a", "b", "c"])["faces"][2]["frame"], "c");
+}
+
+#[test]
 fn broken_messages_name_the_field() {
     let whole = || {
-        let bytes = encode_report(&report(Outcome::Measured(sides(1.0))), &hints(), ["a", "b"]);
+        let bytes = encode_report(&report(Outcome::Measured(sides(1.0))), &hints(), &["a", "b"]);
         v1::BoxReport::decode(&bytes[..]).unwrap()
     };
     type Breaking = fn(&mut v1::BoxReport);
@@ -253,7 +266,7 @@ fn broken_messages_name_the_field() {
             |m| m.sides.as_mut().unwrap().volume.as_mut().unwrap().value_m3 = f64::INFINITY,
             "volume: found inf",
         ),
-        (|m| drop(m.faces.pop()), "faces: found 1, 2 are needed"),
+        (|m| drop(m.faces.pop()), "faces: found 1, 2 or 3 are needed"),
         (|m| m.faces[0].corners.truncate(3), "faces[0]: corners: found 3, 4 are needed"),
         (|m| m.faces[0].corners[2].px = None, "faces[0]: corners: missing"),
         (|m| m.faces[0].rms_px = f64::NAN, "faces[0]: rms_px: found NaN"),
@@ -302,7 +315,7 @@ proptest! {
 
     #[test]
     fn a_flipped_byte_never_panics(at in any::<prop::sample::Index>(), byte in any::<u8>()) {
-        let mut bytes = encode_report(&report(Outcome::Measured(sides(300.0))), &hints(), ["a", "b"]);
+        let mut bytes = encode_report(&report(Outcome::Measured(sides(300.0))), &hints(), &["a", "b"]);
         let at = at.index(bytes.len());
         bytes[at] = byte;
         decode_as_everything(&bytes);

@@ -6,12 +6,12 @@
 use boxline::feasibility::Move;
 use boxline::measurement::FaceMeasurement;
 use boxline::{
-    BoxMeasurement, BoxReport, Estimate, FaceOutcome, Hint, Outcome, Px, Reject, SurfacePoint, Volume,
-    Warning,
+    BoxMeasurement, BoxReport, Candidate, Estimate, FaceOutcome, Hint, Outcome, Px, Reject, SurfacePoint,
+    Volume, Warning,
 };
 use serde_json::{Map, Value, json};
 
-/// A box measurement. `hints` say how to move for each refused frame; `frame_ids` name the first and the second frame.
+/// A box measurement. `hints` say how to move for each refused frame; `frame_ids` name the frames.
 ///
 /// ```json
 /// {"outcome": "measured" | "ambiguous" | "rejected",
@@ -25,16 +25,17 @@ use serde_json::{Map, Value, json};
 ///             "surface_mm": [[along_length, along_width, height, sigma], "one a piece of a stripe"], "confidence": 0.97,
 ///             "hint": {"text": "go 20 cm closer", "moves": [{"move": "closer", "by_mm": 200}]}}],
 ///  "settled": {"depth_mm": {..}, "log_odds": 0, "stripes": 0},
-///  "confidence": 0.93, "likeliest": {"length_mm": {..}, "width_mm": {..}, "height_mm": {..}, "volume_m3": {..}, "confidence": 0.5},
+///  "confidence": 0.93, "third_face_helps": false,
+///  "likeliest": [{"length_mm": {..}, "width_mm": {..}, "height_mm": {..}, "volume_m3": {..}, "confidence": 0.5}, "two at most"],
 ///  "warnings": [{"kind": "sides_differ", "difference_mm": 0, .., "text": "for people"}]}
 /// ```
 /// The sides are there if the outcome is `measured`, the two candidates if it is `ambiguous`; `settled` if stripes on neighbouring
 /// faces told an A x A x B box from A x B x B. `confidence` is the probability that the result is right, `null` without a network;
-/// `likeliest` the likeliest box of a refused pair, if there is one. The plane's unit normal points away from the camera (frame: camera). `surface_mm`
+/// `likeliest` the likeliest boxes of a refused one; `third_face_helps` that two frames leave open what a third may settle. The plane's unit normal points away from the camera (frame: camera). `surface_mm`
 /// is how far the surface lies from the plane, towards the camera, at a position from the face's middle. The hint is `null` if the view
 /// was not refused or moving does not help.
 #[must_use]
-pub fn report_json(report: &BoxReport, hints: &[Option<Hint>; 2], frame_ids: [&str; 2]) -> Value {
+pub fn report_json(report: &BoxReport, hints: &[Option<Hint>], frame_ids: &[&str]) -> Value {
     let (name, sides, candidates, reject) = match &report.outcome {
         Outcome::Measured(sides) => ("measured", Some(sides), Vec::new(), None),
         Outcome::Ambiguous(both) => ("ambiguous", None, both.iter().map(candidate).collect(), None),
@@ -55,11 +56,8 @@ pub fn report_json(report: &BoxReport, hints: &[Option<Hint>; 2], frame_ids: [&s
             "depth_mm": estimate(seen.depth), "log_odds": seen.log_odds, "stripes": seen.stripes,
         })),
         "confidence": report.confidence,
-        "likeliest": report.likeliest.as_ref().map(|likeliest| {
-            let mut entry = candidate(&likeliest.sides);
-            entry["confidence"] = json!(likeliest.confidence);
-            entry
-        }),
+        "likeliest": report.likeliest.iter().map(likely).collect::<Vec<_>>(),
+        "third_face_helps": report.third_face_helps,
         "warnings": report.warnings.iter().map(warning_entry).collect::<Vec<_>>(),
     })
 }
@@ -79,7 +77,8 @@ pub fn face_json(face: &FaceOutcome, hint: Option<&Hint>, frame_id: &str) -> Val
         "faces": [entry],
         "settled": null,
         "confidence": entry["confidence"],
-        "likeliest": null,
+        "likeliest": [],
+        "third_face_helps": false,
         "warnings": [],
     })
 }
@@ -131,6 +130,12 @@ fn candidate(sides: &BoxMeasurement) -> Value {
         "height_mm": estimate(sides.height),
         "volume_m3": volume(sides),
     })
+}
+
+fn likely(likeliest: &Candidate) -> Value {
+    let mut entry = candidate(&likeliest.sides);
+    entry["confidence"] = json!(likeliest.confidence);
+    entry
 }
 
 fn reject_entry(reject: &Reject) -> Value {

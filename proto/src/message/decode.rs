@@ -50,17 +50,25 @@ pub(super) fn report(message: v1::BoxReport) -> Result<DecodedReport, Error> {
         v1::Outcome::Rejected => Outcome::Rejected(reject(required(message.reject, "reject")?)?),
         v1::Outcome::Unspecified => return Err(invalid("outcome: missing")),
     };
-    let [first, second] = exactly(message.faces, "faces")?;
-    let (first, first_hint, first_id) = face(first).map_err(|e| e.in_context("faces[0]"))?;
-    let (second, second_hint, second_id) = face(second).map_err(|e| e.in_context("faces[1]"))?;
+    if !(2..=3).contains(&message.faces.len()) {
+        return Err(invalid(format!("faces: found {}, 2 or 3 are needed", message.faces.len())));
+    }
+    let (mut faces, mut hints, mut frame_ids) = (Vec::new(), Vec::new(), Vec::new());
+    for (i, message) in message.faces.into_iter().enumerate() {
+        let (outcome, hint, id) = face(message).map_err(|e| e.in_context(format!("faces[{i}]")))?;
+        faces.push(outcome);
+        hints.push(hint);
+        frame_ids.push(id);
+    }
     let warnings = message.warnings.into_iter().map(warning).collect::<Result<_, _>>()?;
     let settled = message.settled.map(depth_seen).transpose()?;
     let confidence = message.confidence.map(|value| finite(value, "confidence")).transpose()?;
-    let likeliest = message.likeliest.map(candidate).transpose()?;
+    let likeliest = message.likeliest.into_iter().map(candidate).collect::<Result<_, _>>()?;
+    let third_face_helps = message.third_face_helps;
     Ok(DecodedReport {
-        report: BoxReport { outcome, faces: [first, second], warnings, settled, confidence, likeliest },
-        hints: [first_hint, second_hint],
-        frame_ids: [first_id, second_id],
+        report: BoxReport { outcome, faces, warnings, settled, confidence, likeliest, third_face_helps },
+        hints,
+        frame_ids,
     })
 }
 

@@ -9,7 +9,7 @@ use boxline::{
     Outcome, Px, Reject, SurfacePoint, Warning,
 };
 
-pub(super) fn report(report: &BoxReport, hints: &[Option<Hint>; 2], frame_ids: [&str; 2]) -> v1::BoxReport {
+pub(super) fn report(report: &BoxReport, hints: &[Option<Hint>], frame_ids: &[&str]) -> v1::BoxReport {
     let faces = report.faces.iter().zip(hints).zip(frame_ids);
     let faces = faces.map(|((outcome, hint), id)| face(outcome, hint.as_ref(), id)).collect();
     let (outcome, measured, candidates, rejected) = match &report.outcome {
@@ -23,7 +23,7 @@ pub(super) fn report(report: &BoxReport, hints: &[Option<Hint>; 2], frame_ids: [
         log_odds: seen.log_odds,
         stripes: u32::try_from(seen.stripes).unwrap_or(u32::MAX),
     });
-    let likeliest = report.likeliest.as_ref().map(|likeliest| v1::Candidate {
+    let likeliest = report.likeliest.iter().map(|likeliest| v1::Candidate {
         sides: Some(sides(&likeliest.sides)),
         confidence: likeliest.confidence,
     });
@@ -36,7 +36,8 @@ pub(super) fn report(report: &BoxReport, hints: &[Option<Hint>; 2], frame_ids: [
         warnings,
         settled,
         confidence: report.confidence,
-        likeliest,
+        likeliest: likeliest.collect(),
+        third_face_helps: report.third_face_helps,
     }
 }
 

@@ -17,10 +17,10 @@ pub mod v1 {
     include!(concat!(env!("OUT_DIR"), "/boxline.v1.rs"));
 }
 
-/// A report as bytes of `boxline.v1.BoxReport`. `hints` say how to move for each refused frame; `frame_ids` name the first and
-/// the second frame.
+/// A report as bytes of `boxline.v1.BoxReport`. `hints` say how to move for each refused frame; `frame_ids` name the
+/// frames.
 #[must_use]
-pub fn encode_report(report: &BoxReport, hints: &[Option<Hint>; 2], frame_ids: [&str; 2]) -> Vec<u8> {
+pub fn encode_report(report: &BoxReport, hints: &[Option<Hint>], frame_ids: &[&str]) -> Vec<u8> {
     encode::report(report, hints, frame_ids).encode_to_vec()
 }
 
@@ -36,9 +36,9 @@ pub struct DecodedReport {
     /// The report.
     pub report: BoxReport,
     /// How to move, for each frame.
-    pub hints: [Option<Hint>; 2],
-    /// The names of the first and the second frame.
-    pub frame_ids: [String; 2],
+    pub hints: Vec<Option<Hint>>,
+    /// The names of the frames.
+    pub frame_ids: Vec<String>,
 }
 
 /// A report from bytes of `boxline.v1.BoxReport`.

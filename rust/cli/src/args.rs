@@ -24,11 +24,12 @@ pub struct Args {
 
 #[derive(Subcommand)]
 pub enum Command {
-    /// Measures a box from two frames of adjacent faces
+    /// Measures a box from two or three frames of adjacent faces
     #[command(after_help = format!("\
 Examples:
   boxline measure tests/data/b02 --overlay b02.png
   boxline measure a.jpg b.jpg --calibration calibration.json --json
+  boxline measure a.jpg b.jpg c.jpg --calibration calibration.json                      (a third face settles doubts)
   boxline measure tests/data/b02 --edges hough --model ihed.onnx --method keypoints     (the paper's system)
 
 Without --json: sides in mm and the volume in cubic metres, each with one standard deviation, or why there is no result
@@ -162,15 +163,15 @@ The same seed gives the same bytes. Exit codes: 0 rendered, 2 broken input or us
 
 #[derive(ClapArgs)]
 pub struct MeasureArgs {
-    /// A recording's folder, or two JPEG frames
-    #[arg(required = true, num_args = 1..=2, value_name = "FOLDER | A.jpg B.jpg")]
+    /// A recording's folder, or two or three JPEG frames
+    #[arg(required = true, num_args = 1..=3, value_name = "FOLDER | A.jpg B.jpg [C.jpg]")]
     pub inputs: Vec<PathBuf>,
     /// The head's calibration; for a folder it replaces the one that recording.json names
     #[arg(long, value_name = "FILE")]
     pub calibration: Option<PathBuf>,
     #[command(flatten)]
     pub how: How,
-    /// If both frames show sides of the same two lengths, two boxes are possible: take the first or the second
+    /// If all frames show sides of the same two lengths, two boxes are possible: take the first or the second
     #[arg(long, value_name = "1|2", value_parser = clap::value_parser!(u8).range(1..=2))]
     pub choose: Option<u8>,
     #[command(flatten)]
@@ -208,6 +209,9 @@ pub struct EvaluateArgs {
     pub edges: Option<Option<EdgeName>>,
     #[command(flatten)]
     pub network: NetworkArgs,
+    /// Use at most so many frames of each box
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u8).range(2..=3))]
+    pub faces: u8,
     /// Rendered frames to score
     #[arg(long, value_name = "N", default_value_t = 1500, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     pub frames: u64,
@@ -273,7 +277,7 @@ pub struct RenderArgs {
     /// How many; without it one recording, or frames without end
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..=1_000_000_000))]
     pub count: Option<u64>,
-    /// Two faces of one box, single faces, frames that must be refused, or faces that something hides in part
+    /// Two or three faces of one box, single faces, frames that must be refused, or faces that something hides in part
     #[arg(long, value_enum, default_value_t = RenderKind::Box)]
     pub kind: RenderKind,
     /// Frames of a recording that is not of a box
@@ -319,7 +323,10 @@ fn frames_per_recording(text: &str) -> Result<usize, String> {
 #[cfg(feature = "render")]
 #[derive(Clone, Copy, ValueEnum)]
 pub enum RenderKind {
+    /// Two adjacent faces of one box
     Box,
+    /// Three adjacent faces of one box
+    Three,
     /// A box A x A x B, seen obliquely: both frames show A x B
     Twins,
     Face,
@@ -334,6 +341,7 @@ impl RenderKind {
     pub const fn of(self, frames: usize) -> Kind {
         match self {
             Self::Box => Kind::Box,
+            Self::Three => Kind::Three,
             Self::Twins => Kind::Twins,
             Self::Face => Kind::Faces(frames),
             Self::Refuse => Kind::Refuse(frames),

@@ -37,21 +37,22 @@ pub fn read_frame(path: &Path) -> Result<Frame, Error> {
     Frame::from_jpeg(&bytes).map_err(|e| e.in_context(name))
 }
 
-/// The two frames of a recording that make a measurement: `a` and `b`, or else the only two faces with the lasers on.
-pub fn pair(recording: &Recording) -> Result<[&RecordedFrame; 2], Error> {
+/// The frames of a recording that make a measurement: `a`, `b` and, if there is one, `c`; or else the only two faces with the
+/// lasers on.
+pub fn box_frames(recording: &Recording) -> Result<Vec<&RecordedFrame>, Error> {
     let faces = lit_faces(recording);
     let named = |id: &str| faces.iter().copied().find(|frame| frame.id == id);
     if let (Some(a), Some(b)) = (named("a"), named("b")) {
-        return Ok([a, b]);
+        return Ok([Some(a), Some(b), named("c")].into_iter().flatten().collect());
     }
-    if let [first, second] = faces[..] {
-        return Ok([first, second]);
+    if faces.len() == 2 {
+        return Ok(faces);
     }
     let found: Vec<_> = faces.iter().map(|frame| frame.id.as_str()).collect();
     Err(Error::new(
         ErrorKind::InvalidFile,
         format!(
-            "{}: two face frames with the lasers on are needed, `a` and `b` or no others; found {}{}{}",
+            "{}: two face frames with the lasers on are needed, `a` and `b` (and `c`) or no others; found {}{}{}",
             recording.folder.join("recording.json").display(),
             found.len(),
             if found.is_empty() { "" } else { ": " },

@@ -2,11 +2,13 @@
 
 use crate::Finished;
 use crate::args::{FaceArgs, MeasureArgs, Output};
-use crate::input::{Usage, pair, read_frame};
+use crate::input::{Usage, box_frames, read_frame};
 use crate::overlay::{self, Headline, View};
 use crate::text;
 use boxline::{FaceOutcome, Frame, Outcome, StageTimes, measure_box_with_hints, measure_face_with_hint};
 use boxline_proto::json::{face_json, read_calibration, read_recording, report_json};
+use rayon::prelude::*;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 const MEASURED: u8 = 0;
@@ -15,15 +17,16 @@ const AMBIGUOUS: u8 = 4;
 
 /// Which files to read: frames with their names, the calibration, and the head that a recording names.
 struct Sources {
-    frames: [(String, PathBuf); 2],
+    frames: Vec<(String, PathBuf)>,
     calibration: PathBuf,
     serial: Option<String>,
 }
 
 /// Runs `boxline measure`.
 pub fn measure(args: &MeasureArgs) -> anyhow::Result<Finished> {
-    let Sources { frames: [first, second], calibration, serial } = sources(args)?;
-    check_overlay(&args.output, &[&first.1, &second.1, &calibration])?;
+    let Sources { frames: sources, calibration, serial } = sources(args)?;
+    let inputs: Vec<&Path> = sources.iter().map(|(_, path)| path.as_path()).chain([&*calibration]).collect();
+    check_overlay(&args.output, &inputs)?;
     let calibration = read_calibration(&calibration)?;
     if let Some(serial) = serial.filter(|serial| serial != calibration.serial()) {
         eprintln!(
@@ -31,34 +34,33 @@ pub fn measure(args: &MeasureArgs) -> anyhow::Result<Finished> {
             calibration.serial()
         );
     }
-    let (frame_a, frame_b) = rayon::join(|| read_frame(&first.1), || read_frame(&second.1));
-    let (frame_a, frame_b) = (frame_a?, frame_b?);
+    let frames: Vec<Frame> =
+        sources.par_iter().map(|(_, path)| read_frame(path)).collect::<Result<_, _>>()?;
+    let frames: Vec<&Frame> = frames.iter().collect();
     let network = args.how.network.load(args.how.edges)?;
     let settings = args.how.settings(args.choose, network.as_ref());
-    let (report, hints) =
-        measure_box_with_hints(&frame_a, &frame_b, &calibration, &settings, &mut StageTimes::new()).map_err(
-            |e| {
-                // The library knows frames, not files: the culprit is the one that does not fit.
-                let fits = |frame: &Frame| {
-                    (frame.width_px(), frame.height_px())
-                        == (calibration.width_px() as usize, calibration.height_px() as usize)
-                };
-                e.in_context(if fits(&frame_a) { second.1.display() } else { first.1.display() })
-            },
-        )?;
-    let names = [first.0.as_str(), second.0.as_str()];
+    let (report, hints) = measure_box_with_hints(&frames, &calibration, &settings, &mut StageTimes::new())
+        .map_err(|e| {
+            // The library knows frames, not files: the culprit is the one that does not fit.
+            let fits = |frame: &Frame| {
+                (frame.width_px(), frame.height_px())
+                    == (calibration.width_px() as usize, calibration.height_px() as usize)
+            };
+            let culprit = frames.iter().position(|frame| !fits(frame)).unwrap_or(0);
+            e.in_context(sources[culprit].1.display())
+        })?;
+    let names: Vec<&str> = sources.iter().map(|(name, _)| name.as_str()).collect();
 
     if let Some(path) = &args.output.overlay {
-        let views = [
-            View { name: names[0], frame: &frame_a, face: &report.faces[0], truth: None },
-            View { name: names[1], frame: &frame_b, face: &report.faces[1], truth: None },
-        ];
+        let shown = names.iter().zip(&frames).zip(&report.faces);
+        let views: Vec<View> =
+            shown.map(|((name, frame), face)| View { name, frame, face, truth: None }).collect();
         overlay::write(&overlay::draw(&views, &Headline::of_box(&report.outcome))?, path)?;
     }
     let stdout = if args.output.json {
-        report_json(&report, &hints, names).to_string()
+        report_json(&report, &hints, &names).to_string()
     } else {
-        text::of_box(&report, names, &hints)
+        text::of_box(&report, &names, &hints)
     };
     let exit_code = match report.outcome {
         Outcome::Measured(_) => MEASURED,
@@ -104,21 +106,26 @@ fn sources(args: &MeasureArgs) -> anyhow::Result<Sources> {
         .into()),
         [folder] => {
             let recording = read_recording(folder)?;
-            let frames = pair(&recording)?.map(|frame| (frame.id.clone(), frame.file.clone()));
+            let frames = box_frames(&recording)?;
+            let frames = frames.iter().map(|frame| (frame.id.clone(), frame.file.clone())).collect();
             let calibration = args.calibration.clone().unwrap_or_else(|| recording.calibration_file.clone());
             Ok(Sources { frames, calibration, serial: Some(recording.serial) })
         }
-        [first, second] => {
+        files @ ([_, _] | [_, _, _]) => {
             let Some(calibration) = args.calibration.clone() else {
-                return Err(Usage("two frames need --calibration FILE".into()).into());
+                return Err(Usage("frames need --calibration FILE".into()).into());
             };
-            let mut frames = [first, second].map(|path| (file_name(path), path.clone()));
-            if frames[0].0 == frames[1].0 {
-                frames = [first, second].map(|path| (path.display().to_string(), path.clone()));
-            }
+            let short: BTreeSet<String> = files.iter().map(|path| file_name(path)).collect();
+            let name = |path: &PathBuf| match short.len() == files.len() {
+                true => file_name(path),
+                false => path.display().to_string(),
+            };
+            let frames = files.iter().map(|path| (name(path), path.clone())).collect();
             Ok(Sources { frames, calibration, serial: None })
         }
-        more => Err(Usage(format!("{} inputs, one folder or two frames are needed", more.len())).into()),
+        more => {
+            Err(Usage(format!("{} inputs, one folder or two or three frames are needed", more.len())).into())
+        }
     }
 }
 

@@ -7,7 +7,7 @@ use boxline::{
 };
 
 /// A box, in lines.
-pub fn of_box(report: &BoxReport, names: [&str; 2], hints: &[Option<Hint>; 2]) -> String {
+pub fn of_box(report: &BoxReport, names: &[&str], hints: &[Option<Hint>]) -> String {
     let mut text = String::new();
     match &report.outcome {
         Outcome::Measured(measurement) => {
@@ -23,10 +23,26 @@ pub fn of_box(report: &BoxReport, names: [&str; 2], hints: &[Option<Hint>; 2]) -
             push(&mut text, &format!("\nchoice 1\n{}\n\nchoice 2\n{}\n", sides(first), sides(second)));
             push(
                 &mut text,
-                "What to do: settle it with --choose 1 or --choose 2, or take a frame of another face.",
+                "What to do: settle it with --choose 1 or --choose 2, or add a frame of the third face.",
             );
         }
-        Outcome::Rejected(reject) => push(&mut text, &format!("box: {}", refusal(reject))),
+        Outcome::Rejected(reject) => {
+            push(&mut text, &format!("box: {}", refusal(reject)));
+            for likely in &report.likeliest {
+                let [l, w, h] =
+                    [likely.sides.length, likely.sides.width, likely.sides.height].map(|s| s.value_mm);
+                push(
+                    &mut text,
+                    &format!(
+                        "perhaps {l:.1} x {w:.1} x {h:.1} mm, with a probability of {:.2}",
+                        likely.confidence
+                    ),
+                );
+            }
+            if report.third_face_helps {
+                push(&mut text, "A frame of a third face may settle it: give all three.");
+            }
+        }
     }
     warnings(&mut text, &report.warnings);
     push(&mut text, "");

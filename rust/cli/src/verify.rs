@@ -1,9 +1,9 @@
 //! `boxline verify`: a calibration against one known length.
 
 use crate::Finished;
-use crate::input::{lit_faces, pair, read_frame};
+use crate::input::{box_frames, lit_faces, read_frame};
 use boxline::calib::uncertainty::{side_sigma_mm, usual_distance_mm};
-use boxline::{Estimate, FaceOutcome, Outcome, Settings, StageTimes, measure_box, measure_face};
+use boxline::{Estimate, FaceOutcome, Frame, Outcome, Settings, StageTimes, measure_box, measure_face};
 use boxline_proto::json::{read_calibration, read_recording};
 use clap::Args as ClapArgs;
 use serde_json::json;
@@ -45,9 +45,10 @@ pub fn verify(args: &VerifyArgs) -> anyhow::Result<Finished> {
     let settings = Settings::default();
     let mut sides: Vec<Estimate> = Vec::new();
     let mut why = String::new();
-    if let Ok([a, b]) = pair(&recording) {
-        let frames = (read_frame(&a.file)?, read_frame(&b.file)?);
-        let report = measure_box(&frames.0, &frames.1, &calibration, &settings, &mut StageTimes::new())?;
+    if let Ok(recorded) = box_frames(&recording) {
+        let frames = recorded.iter().map(|frame| read_frame(&frame.file)).collect::<Result<Vec<_>, _>>()?;
+        let frames: Vec<&Frame> = frames.iter().collect();
+        let report = measure_box(&frames, &calibration, &settings, &mut StageTimes::new())?;
         match &report.outcome {
             Outcome::Measured(found) => sides.extend([found.length, found.width, found.height]),
             Outcome::Ambiguous(both) => sides.extend(both.iter().flat_map(|b| [b.length, b.width, b.height])),

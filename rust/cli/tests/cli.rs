@@ -5,7 +5,7 @@ mod program;
 
 use program::{boxline, data, json_of, stderr, stdout, text};
 use serde_json::Value;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 fn calibration() -> PathBuf {
     data("calibration_set/calibration.json")
@@ -162,6 +162,30 @@ fn the_same_face_twice_leaves_two_boxes() {
 }
 
 #[test]
+fn a_third_frame_settles_which_box_it_is_and_one_that_shows_none_does_no_harm() {
+    let (a, b, dark) = (data("b02/a.jpg"), data("b02/b.jpg"), data("b02/a_off.jpg"));
+    let calibration = calibration();
+    let measured = |frames: &[&Path]| {
+        let mut arguments = vec!["measure"];
+        arguments.extend(frames.iter().map(|frame| text(frame)));
+        arguments.extend(["--calibration", text(&calibration), "--json"]);
+        let output = boxline(&arguments);
+        assert_eq!(output.status.code(), Some(0), "{frames:?}: {}", stderr(&output));
+        json_of(&output)
+    };
+    let two = measured(&[&a, &b]);
+    for frames in [[&a, &a, &b], [&a, &b, &dark]] {
+        let three = measured(&frames.map(|frame| frame.as_path()));
+        assert_eq!(three["faces"].as_array().unwrap().len(), 3);
+        for side in ["length_mm", "width_mm", "height_mm"] {
+            let [value, due] = [&three, &two].map(|object| object[side]["value"].as_f64().unwrap());
+            assert!((value - due).abs() < 0.5, "{frames:?}: {side} is {value}, by two frames {due}");
+        }
+    }
+    assert_eq!(measured(&[&a, &b, &dark])["faces"][2]["outcome"], "rejected");
+}
+
+#[test]
 fn methods_can_be_chosen() {
     for way in [["--method", "keypoints"], ["--edges", "hough"]] {
         let output = boxline(&[&["measure", text(&data("b03")), "--json"][..], &way].concat());
@@ -306,7 +330,7 @@ fn usage_errors() {
     fails(&["measure"], "usage");
     fails(&["measure", text(&a)], "usage");
     fails(&["measure", text(&a), text(&a)], "usage");
-    fails(&["measure", text(&a), text(&a), text(&a), "--calibration", text(&calibration)], "usage");
+    fails(&["measure", text(&a), text(&a), text(&a), text(&a), "--calibration", text(&calibration)], "usage");
     fails(&["measure", text(&data("b02")), "--choose", "3"], "usage");
     fails(&["measure", text(&data("b02")), "--method", "guess"], "usage");
     fails(&["face", text(&a)], "usage");

@@ -55,7 +55,7 @@ fn stages(criterion: &mut Criterion) {
             bench.iter(|| {
                 let [a, b] =
                     jpegs.each_ref().map(|bytes| Frame::from_jpeg(black_box(bytes)).expect("a whole JPEG"));
-                measure_box(&a, &b, &calibration, &settings, &mut Vec::new())
+                measure_box(&[&a, &b], &calibration, &settings, &mut Vec::new())
             });
         });
         group.finish();

@@ -54,7 +54,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let frames = [Frame::from_jpeg(&jpegs[0])?, Frame::from_jpeg(&jpegs[1])?];
         let decoded = processor_ms();
         let mut times = StageTimes::new();
-        measure_box(&frames[0], &frames[1], &calibration, &settings, &mut times)?;
+        measure_box(&[&frames[0], &frames[1]], &calibration, &settings, &mut times)?;
         whole.push(processor_ms() - start);
         decode.push(decoded - start);
         let side_by_side = Settings { workers: Some(&TwoThreads), ..settings };
@@ -64,7 +64,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             b = Some(Frame::from_jpeg(&jpegs[1]));
         });
         if let (Some(a), Some(b)) = (a, b) {
-            measure_box(&a?, &b?, &calibration, &side_by_side, &mut StageTimes::new())?;
+            measure_box(&[&a?, &b?], &calibration, &side_by_side, &mut StageTimes::new())?;
         }
         wall.push(start.elapsed().as_secs_f64() * 1e3);
         for (stage, nanos) in times {

@@ -1,5 +1,5 @@
 //! A frame may show a face whose sides are not clear: several lines may be one. It is then measured along each of them, and what
-//! the measurements tell, and the other frame of the box, decide which is right.
+//! the measurements tell, and the other frames of the box, decide which is right.
 
 use crate::measurement::FaceMeasurement;
 use crate::reject::Reject;
@@ -76,38 +76,68 @@ fn same_corners(a: &FaceMeasurement, b: &FaceMeasurement) -> bool {
     a.corners_px.iter().all(|p| b.corners_px.iter().any(|q| p.distance_px(*q) < SAME_PX))
 }
 
-/// Two faces of one box.
-pub(crate) struct Pair<'a, T> {
-    pub faces: [&'a FaceMeasurement; 2],
+/// What is less likely than this is not put together with other faces: it could not change the third digit.
+const LEAST: f64 = 1e-3;
+
+/// Faces of one box, one a frame at most.
+pub(crate) struct Together<'a, T> {
+    /// Of each frame the face that fits; `None` where the box is told by the others.
+    pub faces: Vec<Option<&'a FaceMeasurement>>,
     /// What they make together.
     pub agreed: T,
-    /// That both are right.
+    /// That this is the box.
     pub probability: f64,
 }
 
-/// Two faces of one box share a side: that tells which of the faces that each frame may show are right. `agree` puts two together, if
-/// they do share one. `None` if no pair does.
-pub(crate) fn likeliest_pair<'a, T>(
-    seen: [&'a Seen; 2],
-    mut agree: impl FnMut([&'a FaceMeasurement; 2]) -> Option<T>,
-) -> Option<Pair<'a, T>> {
-    let (mut agreeing, mut disagreeing, mut best) = (0.0, 0.0, None);
-    for (p, a) in seen[0].measured() {
-        for (q, b) in seen[1].measured() {
-            let Some(agreed) = agree([a, b]) else {
-                disagreeing += p * q;
-                continue;
-            };
-            agreeing += p * q;
-            if best.as_ref().is_none_or(|best: &Pair<'_, T>| p * q > best.probability) {
-                best = Some(Pair { faces: [a, b], agreed, probability: p * q });
+/// Faces of one box share sides: that tells which of the faces that each frame may show are right. `agree` puts two or more together,
+/// if they do share sides; `same` says of two such results whether they are one box. A frame may also show a face that could not be
+/// measured or was not tried: then the others make the box. The two likeliest boxes, fewer if fewer agree.
+pub(crate) fn likeliest_boxes<'a, T>(
+    seen: &[Option<&'a Seen>],
+    mut agree: impl FnMut(&[Option<&'a FaceMeasurement>]) -> Option<T>,
+    same: impl Fn(&T, &T) -> bool,
+) -> Vec<Together<'a, T>> {
+    let mut ways: Vec<(f64, Vec<Option<&'a FaceMeasurement>>)> = vec![(1.0, Vec::new())];
+    for seen in seen {
+        let faces: Vec<_> =
+            seen.iter().flat_map(|seen| seen.measured()).filter(|(p, _)| *p >= LEAST).collect();
+        let unknown = (1.0 - faces.iter().map(|(p, _)| p).sum::<f64>()).max(0.0);
+        let choices = || faces.iter().map(|(p, face)| (*p, Some(*face))).chain([(unknown, None)]);
+        let longer = |(p, known): &(f64, Vec<_>)| {
+            let (p, known) = (*p, known.clone());
+            choices()
+                .map(move |(q, face)| (p * q, known.iter().copied().chain([face]).collect()))
+                .collect::<Vec<_>>()
+        };
+        ways = ways.iter().flat_map(longer).collect();
+    }
+    let mut all = 0.0;
+    let mut agreeing: Vec<Together<'a, T>> = Vec::new();
+    for (probability, faces) in ways {
+        if faces.iter().flatten().count() < 2 {
+            all += probability; // what is unknown may share a side as well
+            continue;
+        }
+        match agree(&faces) {
+            Some(agreed) => {
+                all += probability;
+                agreeing.push(Together { faces, agreed, probability });
             }
+            None => all += DISAGREE_THOUGH_RIGHT * probability,
         }
     }
-    // What could not be measured or was not tried may share a side as well.
-    let unknown = (1.0 - agreeing - disagreeing).max(0.0);
-    let all = agreeing + DISAGREE_THOUGH_RIGHT * disagreeing + unknown;
-    best.map(|pair| Pair { probability: pair.probability / all.max(f64::MIN_POSITIVE), ..pair })
+    agreeing.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+    let mut boxes: Vec<Together<'a, T>> = Vec::new();
+    for mut way in agreeing {
+        way.probability /= all.max(f64::MIN_POSITIVE);
+        match boxes.iter_mut().find(|known| same(&known.agreed, &way.agreed)) {
+            Some(known) => known.probability += way.probability,
+            None => boxes.push(way),
+        }
+    }
+    boxes.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+    boxes.truncate(2);
+    boxes
 }
 
 #[cfg(test)]
@@ -120,11 +150,6 @@ mod tests {
 
     fn failed(probability: f64) -> Alternative {
         Alternative { probability, face: Err(Reject::RectangleOpen { sides_found: 3 }) }
-    }
-
-    fn share_a_side(faces: [&FaceMeasurement; 2]) -> Option<()> {
-        let [a, b] = faces.map(|f| [f.length.value_mm, f.width.value_mm]);
-        a.iter().any(|x| b.iter().any(|y| (x - y).abs() < 2.0)).then_some(())
     }
 
     #[test]
@@ -142,33 +167,60 @@ mod tests {
         }
     }
 
+    /// Sides of two faces that share one, as text; of three faces, each pair shares one.
+    fn share_sides(faces: &[Option<&FaceMeasurement>]) -> Option<String> {
+        let known: Vec<_> = faces.iter().flatten().map(|f| [f.length.value_mm, f.width.value_mm]).collect();
+        let share = |a: &[f64; 2], b: &[f64; 2]| a.iter().any(|x| b.iter().any(|y| (x - y).abs() < 2.0));
+        let all = known.iter().enumerate().all(|(i, a)| known[..i].iter().all(|b| share(a, b)));
+        let mut sides: Vec<i64> = known.concat().iter().map(|mm| mm.round() as i64).collect();
+        sides.sort_unstable();
+        sides.dedup();
+        all.then(|| format!("{sides:?}"))
+    }
+
+    fn seen(alternatives: Vec<Alternative>) -> Seen {
+        Seen { alternatives, unsure: None, overlap: 0.0 }
+    }
+
+    fn likeliest<'a>(seen: &[Option<&'a Seen>]) -> Option<Together<'a, String>> {
+        likeliest_boxes(seen, share_sides, |a, b| a == b).into_iter().next()
+    }
+
     #[test]
     fn the_shared_side_tells_which_of_two_lines_is_right() {
-        let doubtful = Seen {
-            alternatives: vec![tried(0.6, 400.0, 230.0), tried(0.4, 400.0, 200.0)],
-            unsure: None,
-            overlap: 0.0,
-        };
-        let sure = Seen { alternatives: vec![tried(0.95, 300.0, 200.0)], unsure: None, overlap: 0.0 };
-        let pair = likeliest_pair([&doubtful, &sure], share_a_side).expect("one pair shares 200 mm");
-        assert_eq!(pair.faces[0].width.value_mm, 200.0);
+        let doubtful = seen(vec![tried(0.6, 400.0, 230.0), tried(0.4, 400.0, 200.0)]);
+        let sure = seen(vec![tried(0.95, 300.0, 200.0)]);
+        let pair = likeliest(&[Some(&doubtful), Some(&sure)]).expect("one pair shares 200 mm");
+        assert_eq!(pair.faces[0].map(|f| f.width.value_mm), Some(200.0));
         // 0.38 agree, 0.57 disagree, 0.05 are unknown.
         let probability = 0.38 / (0.38 + 0.05 * 0.57 + 0.05);
         assert!((pair.probability - probability).abs() < 1e-9, "{}", pair.probability);
         // Where both lines leave the shared side as it is, it tells nothing.
-        let other = Seen { alternatives: vec![tried(0.95, 400.0, 300.0)], unsure: None, overlap: 0.0 };
-        let pair = likeliest_pair([&doubtful, &other], share_a_side).expect("both lines share 400 mm");
+        let other = seen(vec![tried(0.95, 400.0, 300.0)]);
+        let pair = likeliest(&[Some(&doubtful), Some(&other)]).expect("both lines share 400 mm");
         assert!((pair.probability - 0.57).abs() < 1e-9, "{}", pair.probability);
     }
 
     #[test]
     fn a_pair_that_agrees_by_chance_is_none() {
-        let likely = Seen {
-            alternatives: vec![tried(0.98, 400.0, 230.0), tried(0.02, 400.0, 200.0)],
-            unsure: None,
-            overlap: 0.0,
-        };
-        let sure = Seen { alternatives: vec![tried(1.0, 300.0, 200.0)], unsure: None, overlap: 0.0 };
-        assert!(likeliest_pair([&likely, &sure], share_a_side).is_some_and(|pair| pair.probability < 0.5));
+        let likely = seen(vec![tried(0.98, 400.0, 230.0), tried(0.02, 400.0, 200.0)]);
+        let sure = seen(vec![tried(1.0, 300.0, 200.0)]);
+        assert!(likeliest(&[Some(&likely), Some(&sure)]).is_some_and(|pair| pair.probability < 0.5));
+    }
+
+    #[test]
+    fn a_third_face_tells_of_both_sides_that_two_do_not_share() {
+        let doubtful = seen(vec![tried(0.6, 400.0, 230.0), tried(0.4, 400.0, 200.0)]);
+        let other = seen(vec![tried(0.9, 400.0, 300.0)]);
+        let third = seen(vec![tried(0.9, 300.0, 200.0)]);
+        let two = likeliest(&[Some(&doubtful), Some(&other)]).expect("they share 400 mm");
+        assert!(two.agreed == "[230, 300, 400]" && two.probability < 0.6);
+        let three = likeliest(&[Some(&doubtful), Some(&other), Some(&third)]).expect("all share sides");
+        assert_eq!(three.agreed, "[200, 300, 400]");
+        assert!(three.probability > 0.75, "{}", three.probability);
+        // A third frame that cannot be measured leaves the two as they were.
+        let with_none = likeliest(&[Some(&doubtful), Some(&other), None]).expect("they share 400 mm");
+        assert_eq!(with_none.agreed, two.agreed);
+        assert!((with_none.probability - two.probability).abs() < 1e-9);
     }
 }

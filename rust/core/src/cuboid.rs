@@ -1,14 +1,14 @@
-//! From two faces to a box: which side they share (paper eqs. 10-11), three sides, volume, and the A x A x B case.
+//! From two or three faces to a box: which sides they share (paper eqs. 10-11), three sides, volume, and the A x A x B case.
 //!
-//! Each face was fitted by itself. Both together are the least-squares fit of three sides to four lengths with their full
-//! covariance, in which the side that both show is one unknown. That is the joint fit of both frames: nothing else links
-//! them but the shared side and the causes that both faces have in common ([`crate::measurement::SideUncertainty`]).
+//! Each face was fitted by itself. All together are the least-squares fit of three sides to four (or six) lengths with their full
+//! covariance, in which a side that two faces show is one unknown. That is the joint fit of all frames: nothing else links
+//! them but the shared sides and the causes that all faces have in common ([`crate::measurement::SideUncertainty`]).
 
 use crate::measurement::{BoxMeasurement, FaceMeasurement, Outcome};
 use crate::reject::Reject;
 use crate::units::{Estimate, Volume};
 use crate::warning::{Warning, WarningKind};
-use nalgebra::{Matrix3, Matrix4, Matrix4x3, Vector3, Vector4};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 /// Sides that differ by no more than this many standard deviations may be the same edge of the box.
 const SAME_SIGMAS: f64 = 4.0;
@@ -19,45 +19,45 @@ const SAME_SHARE: f64 = 0.004;
 /// Chi-square of the difference that one sound box in a thousand exceeds.
 const LIMIT: f64 = 10.83;
 
-/// A way to put the two faces together.
-#[derive(Clone, Copy, Debug)]
-struct Fit {
-    /// The side that both show as the first and the second face have it, then the other side of each.
-    lengths: [Estimate; 4],
-    /// Their covariance, mm^2.
-    covariance_mm2: Matrix4<f64>,
+/// Which of the box's three sides a face's length and width are.
+type SidesOfFace = [usize; 2];
+
+/// All ways in which faces may show the three sides of a box. The first shows sides 0 and 1, which names them. With three faces: those
+/// in which each shows another pair of sides, or those in which two show the same pair (a face twice, or opposite ones).
+fn arrangements(faces: usize, all_differ: bool) -> Vec<Vec<SidesOfFace>> {
+    const PAIRS: [SidesOfFace; 6] = [[0, 2], [2, 0], [1, 2], [2, 1], [0, 1], [1, 0]];
+    let missing = |face: &SidesOfFace| 3 - face[0] - face[1];
+    let mut found = vec![vec![[0, 1]]];
+    for _ in 1..faces {
+        let longer = |known: &Vec<SidesOfFace>| {
+            let known = known.clone();
+            PAIRS.into_iter().map(move |pair| known.iter().copied().chain([pair]).collect::<Vec<_>>())
+        };
+        found = found.iter().flat_map(longer).collect();
+    }
+    found.retain(|arrangement| {
+        let sides = (0..3).filter(|side| arrangement.iter().any(|face| face.contains(side))).count();
+        let missed = (0..3).filter(|side| arrangement.iter().any(|face| missing(face) == *side)).count();
+        sides == 3 && (missed == faces) == all_differ
+    });
+    found
 }
 
-impl Fit {
-    /// `shared` says which side of each face is the shared one: 0 the length, 1 the width.
-    fn new(first: &FaceMeasurement, second: &FaceMeasurement, shared: [usize; 2]) -> Self {
-        let sides = [[first.length, first.width], [second.length, second.width]];
-        let parts = [(0, shared[0]), (1, shared[1]), (0, 1 - shared[0]), (1, 1 - shared[1])];
-        let faces = [first, second];
-        let covariance_mm2 = Matrix4::from_fn(|row, column| {
-            let ((f, i), (g, j)) = (parts[row], parts[column]);
-            let (u, v) = (&faces[f].uncertainty, &faces[g].uncertainty);
-            let own = if f == g { u.own_mm2[(i, j)] } else { 0.0 };
-            own + u.shared_mm.row(i).dot(&v.shared_mm.row(j))
-        });
-        let lengths = parts.map(|(f, i)| sides[f][i]);
-        // A face that came without its causes has sigmas at least.
-        let least = Vector4::from(lengths.map(|l| l.sigma_mm.max(1e-6).powi(2)));
-        let known = covariance_mm2.cholesky().is_some();
-        Self { lengths, covariance_mm2: if known { covariance_mm2 } else { Matrix4::from_diagonal(&least) } }
-    }
+/// Two lengths of one side, of different faces.
+#[derive(Clone, Copy, Debug)]
+struct Shared {
+    first: Estimate,
+    second: Estimate,
+    sigma_mm: f64,
+}
 
+impl Shared {
     fn difference_mm(&self) -> f64 {
-        self.lengths[0].value_mm - self.lengths[1].value_mm
-    }
-
-    fn difference_sigma_mm(&self) -> f64 {
-        let c = &self.covariance_mm2;
-        (c[(0, 0)] + c[(1, 1)] - 2.0 * c[(0, 1)]).max(1e-12).sqrt()
+        self.first.value_mm - self.second.value_mm
     }
 
     fn limit_mm(&self) -> f64 {
-        (SAME_SIGMAS * self.difference_sigma_mm()).max(SAME_MM).max(SAME_SHARE * self.lengths[0].value_mm)
+        (SAME_SIGMAS * self.sigma_mm).max(SAME_MM).max(SAME_SHARE * self.first.value_mm)
     }
 
     fn excess(&self) -> f64 {
@@ -65,80 +65,143 @@ impl Fit {
     }
 
     fn warning(&self) -> Option<Warning> {
-        let (found, sigma) = (self.difference_mm(), self.difference_sigma_mm());
+        let (found, sigma) = (self.difference_mm(), self.sigma_mm);
         let chi_square = (found / sigma).powi(2);
         let warning =
             Warning { kind: WarningKind::SidesDiffer, laser: None, found, sigma, chi_square, limit: LIMIT };
         (chi_square > LIMIT).then_some(warning)
     }
+}
 
-    fn measurement(&self) -> BoxMeasurement {
-        let lengths = Vector4::from(self.lengths.map(|l| l.value_mm));
-        let (sides, covariance) = self.adjusted(&lengths).unwrap_or_else(|| {
-            let c = &self.covariance_mm2;
-            let mean = 0.5 * (lengths[0] + lengths[1]);
-            let variances = Vector3::new(c[(0, 0)].max(c[(1, 1)]), c[(2, 2)], c[(3, 3)]);
-            (Vector3::new(mean, lengths[2], lengths[3]), Matrix3::from_diagonal(&variances))
+/// The lengths of all faces, two each, and their covariance.
+struct Lengths {
+    lengths: Vec<Estimate>,
+    covariance_mm2: DMatrix<f64>,
+}
+
+impl Lengths {
+    fn new(faces: &[&FaceMeasurement]) -> Self {
+        let lengths: Vec<Estimate> = faces.iter().flat_map(|face| [face.length, face.width]).collect();
+        let covariance_mm2 = DMatrix::from_fn(lengths.len(), lengths.len(), |row, column| {
+            let (u, v) = (&faces[row / 2].uncertainty, &faces[column / 2].uncertainty);
+            let own = if row / 2 == column / 2 { u.own_mm2[(row % 2, column % 2)] } else { 0.0 };
+            own + u.shared_mm.row(row % 2).dot(&v.shared_mm.row(column % 2))
         });
-        let estimate = |i: usize| Estimate::new(sides[i], covariance[(i, i)].max(0.0).sqrt());
+        if covariance_mm2.clone().cholesky().is_some() {
+            return Self { lengths, covariance_mm2 };
+        }
+        // A face that came without its causes has sigmas at least.
+        let variances = lengths.iter().map(|l| l.sigma_mm.max(1e-6).powi(2));
+        let least = DVector::from_iterator(lengths.len(), variances);
+        Self { covariance_mm2: DMatrix::from_diagonal(&least), lengths }
+    }
+
+    /// All pairs of lengths that an arrangement takes for one side.
+    fn shared(&self, sides: &[usize]) -> Vec<Shared> {
+        let c = &self.covariance_mm2;
+        let pairs = (0..sides.len()).flat_map(|i| (i + 1..sides.len()).map(move |j| (i, j)));
+        pairs
+            .filter(|(i, j)| sides[*i] == sides[*j])
+            .map(|(i, j)| Shared {
+                first: self.lengths[i],
+                second: self.lengths[j],
+                sigma_mm: (c[(i, i)] + c[(j, j)] - 2.0 * c[(i, j)]).max(1e-12).sqrt(),
+            })
+            .collect()
+    }
+
+    /// Three sides by least squares, with their covariance.
+    fn adjusted(&self, sides: &[usize]) -> Option<(Vector3<f64>, Matrix3<f64>)> {
+        let side_of = DMatrix::from_fn(sides.len(), 3, |row, side| f64::from(sides[row] == side));
+        let values = DVector::from_iterator(sides.len(), self.lengths.iter().map(|l| l.value_mm));
+        let weight = self.covariance_mm2.clone().cholesky()?.inverse();
+        let normal = (side_of.transpose() * &weight * &side_of).fixed_view::<3, 3>(0, 0).into_owned();
+        let covariance = normal.cholesky()?.inverse();
+        let right: Vector3<f64> = (side_of.transpose() * weight * values).fixed_rows::<3>(0).into_owned();
+        let found = covariance * right;
+        found.iter().all(|s| s.is_finite() && *s > 0.0).then_some((found, covariance))
+    }
+
+    /// The plain mean of each side's lengths, where the covariance is no help.
+    fn mean(&self, sides: &[usize]) -> (Vector3<f64>, Matrix3<f64>) {
+        let of = |side: usize| (0..sides.len()).filter(move |i| sides[*i] == side);
+        let values = Vector3::from_fn(|side, _| {
+            of(side).map(|i| self.lengths[i].value_mm).sum::<f64>() / of(side).count().max(1) as f64
+        });
+        let variances =
+            Vector3::from_fn(|side, _| of(side).map(|i| self.covariance_mm2[(i, i)]).fold(0.0, f64::max));
+        (values, Matrix3::from_diagonal(&variances))
+    }
+
+    fn measurement(&self, sides: &[usize]) -> BoxMeasurement {
+        let (found, covariance) = self.adjusted(sides).unwrap_or_else(|| self.mean(sides));
+        let estimate = |i: usize| Estimate::new(found[i], covariance[(i, i)].max(0.0).sqrt());
         let mut sorted = [estimate(0), estimate(1), estimate(2)];
         sorted.sort_by(|a, b| b.value_mm.total_cmp(&a.value_mm));
         let [length, width, height] = sorted;
-        let value_mm3 = sides.product();
-        let relative = sides.map(|s| 1.0 / s);
+        let value_mm3 = found.product();
+        let relative = found.map(|s| 1.0 / s);
         let sigma = (relative.transpose() * covariance * relative)[0].max(0.0).sqrt();
         let volume = Volume { value_m3: value_mm3 * 1e-9, sigma_m3: value_mm3 * 1e-9 * sigma };
         BoxMeasurement { length, width, height, volume }
     }
-
-    /// Three sides from four lengths by least squares, with their covariance.
-    fn adjusted(&self, lengths: &Vector4<f64>) -> Option<(Vector3<f64>, Matrix3<f64>)> {
-        #[rustfmt::skip]
-        let side_of = Matrix4x3::new(
-            1.0, 0.0, 0.0,
-            1.0, 0.0, 0.0,
-            0.0, 1.0, 0.0,
-            0.0, 0.0, 1.0,
-        );
-        let weight = self.covariance_mm2.cholesky()?.inverse();
-        let covariance = (side_of.transpose() * weight * side_of).cholesky()?.inverse();
-        let sides = covariance * side_of.transpose() * weight * lengths;
-        sides.iter().all(|s| s.is_finite() && *s > 0.0).then_some((sides, covariance))
-    }
 }
 
-/// Puts two faces together, with what was noticed. `choose` settles an A x A x B box: 0 or 1.
-pub(crate) fn assemble(
-    first: &FaceMeasurement,
-    second: &FaceMeasurement,
-    choose: Option<usize>,
-) -> (Outcome, Vec<Warning>) {
-    let mut fits = [[0, 0], [0, 1], [1, 0], [1, 1]].map(|shared| Fit::new(first, second, shared));
-    fits.sort_by(|a, b| a.excess().total_cmp(&b.excess()));
-    let mut possible: Vec<Fit> = Vec::with_capacity(2);
-    for fit in fits.iter().filter(|f| f.excess() <= 1.0) {
-        // Two ways that give the same box (a cube's) are one.
-        if possible.iter().all(|p| !same_box(&p.measurement(), &fit.measurement())) {
-            possible.push(*fit);
+/// A way to put the faces together.
+struct Fit {
+    measurement: BoxMeasurement,
+    warnings: Vec<Warning>,
+}
+
+/// Puts two or three faces together, with what was noticed. `choose` settles an A x A x B box: 0 or 1.
+pub(crate) fn assemble(faces: &[&FaceMeasurement], choose: Option<usize>) -> (Outcome, Vec<Warning>) {
+    let lengths = Lengths::new(faces);
+    let mut nearest: Option<Shared> = None;
+    for all_differ in [true, false] {
+        let mut fits: Vec<(f64, Vec<usize>, Vec<Shared>)> = Vec::new();
+        for arrangement in arrangements(faces.len(), all_differ) {
+            let sides = arrangement.concat();
+            let shared = lengths.shared(&sides);
+            let Some(worst) = shared.iter().copied().max_by(|a, b| a.excess().total_cmp(&b.excess())) else {
+                continue;
+            };
+            if all_differ && nearest.is_none_or(|known: Shared| worst.excess() < known.excess()) {
+                nearest = Some(worst);
+            }
+            if worst.excess() <= 1.0 {
+                fits.push((worst.excess(), sides, shared));
+            }
+        }
+        fits.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut possible: Vec<Fit> = Vec::with_capacity(2);
+        for (_, sides, shared) in &fits {
+            let measurement = lengths.measurement(sides);
+            // Two ways that give the same box (a cube's) are one.
+            if possible.iter().all(|p| !same_box(&p.measurement, &measurement)) {
+                let warnings = shared.iter().filter_map(Shared::warning).collect();
+                possible.push(Fit { measurement, warnings });
+            }
+        }
+        let measured = |fit: &Fit| (Outcome::Measured(fit.measurement), fit.warnings.clone());
+        match (possible.as_slice(), choose) {
+            ([], _) => {}
+            ([only], _) => return measured(only),
+            ([one, _, ..], Some(0)) => return measured(one),
+            ([_, two, ..], Some(1)) => return measured(two),
+            ([one, two, ..], _) => {
+                let both = Outcome::Ambiguous([one.measurement, two.measurement]);
+                return (both, one.warnings.clone());
+            }
         }
     }
-    let measured = |fit: &Fit| (Outcome::Measured(fit.measurement()), Vec::from_iter(fit.warning()));
-    match possible.as_slice() {
-        [] => {
-            let best = &fits[0];
-            let [first, second, ..] = best.lengths;
-            (
-                Outcome::Rejected(Reject::SidesDisagree { first, second, limit_mm: best.limit_mm() }),
-                Vec::new(),
-            )
+    let reject = match nearest {
+        Some(shared) => {
+            let limit_mm = shared.limit_mm();
+            Reject::SidesDisagree { first: shared.first, second: shared.second, limit_mm }
         }
-        [only] => measured(only),
-        [one, two, ..] => match choose {
-            Some(0) => measured(one),
-            Some(1) => measured(two),
-            _ => (Outcome::Ambiguous([one.measurement(), two.measurement()]), Vec::from_iter(one.warning())),
-        },
-    }
+        None => Reject::RectangleOpen { sides_found: 0 }, // of fewer than two faces: nobody asks
+    };
+    (Outcome::Rejected(reject), Vec::new())
 }
 
 /// Whether two outcomes are the same box within their uncertainties.
@@ -170,7 +233,7 @@ mod tests {
     }
 
     fn assembled(first: &FaceMeasurement, second: &FaceMeasurement, choose: Option<usize>) -> Outcome {
-        assemble(first, second, choose).0
+        assemble(&[first, second], choose).0
     }
 
     #[test]
@@ -191,6 +254,49 @@ mod tests {
         for (i, candidate) in c.iter().enumerate() {
             assert_eq!(assembled(&a, &b, Some(i)), Outcome::Measured(*candidate));
         }
+    }
+
+    #[test]
+    fn a_third_face_settles_which_box_it_is() {
+        let (a, b) = (face(500.0, 300.0), face(500.3, 300.2));
+        for (third, box_mm) in [
+            (face(500.2, 499.9), [500.0, 500.0, 300.0]), // A x A
+            (face(300.1, 299.8), [500.0, 300.0, 300.0]), // B x B
+        ] {
+            for order in [[&a, &b, &third], [&a, &third, &b], [&third, &b, &a]] {
+                let (Outcome::Measured(b), warnings) = assemble(&order, None) else { panic!() };
+                let found = [b.length, b.width, b.height];
+                assert!(found.iter().zip(box_mm).all(|(l, due)| (l.value_mm - due).abs() < 0.4), "{found:?}");
+                assert!(warnings.is_empty());
+            }
+        }
+        // The same face once more settles nothing.
+        let again = face(499.9, 300.1);
+        assert!(matches!(assemble(&[&a, &b, &again], None).0, Outcome::Ambiguous(_)));
+    }
+
+    #[test]
+    fn with_three_faces_every_side_is_a_mean_of_two_and_a_wrong_one_shows() {
+        let (a, b, c) = (face(550.0, 300.4), face(550.6, 350.0), face(350.4, 300.0));
+        let (Outcome::Measured(found), _) = assemble(&[&a, &b, &c], None) else { panic!() };
+        for (side, mean) in [(found.length, 550.3), (found.width, 350.2), (found.height, 300.2)] {
+            assert!((side.value_mm - mean).abs() < 1e-9 && (side.sigma_mm - 0.4 / 2f64.sqrt()).abs() < 1e-9);
+        }
+        let long = face(380.0, 300.0);
+        let (Outcome::Rejected(Reject::SidesDisagree { first, second, .. }), _) =
+            assemble(&[&a, &b, &long], None)
+        else {
+            panic!()
+        };
+        assert_eq!([first.value_mm, second.value_mm], [350.0, 380.0]);
+    }
+
+    #[test]
+    fn a_face_seen_twice_counts_twice() {
+        let (a, b, again) = (face(550.0, 300.0), face(550.0, 350.0), face(551.0, 300.0));
+        let (Outcome::Measured(found), _) = assemble(&[&a, &b, &again], None) else { panic!() };
+        assert!((found.length.value_mm - 1651.0 / 3.0).abs() < 1e-9, "{:?}", found.length);
+        assert_eq!(found.width.value_mm, 350.0);
     }
 
     #[test]
@@ -229,11 +335,11 @@ mod tests {
 
     #[test]
     fn a_shared_side_that_differs_beyond_its_sigmas_is_told() {
-        let (outcome, warnings) = assemble(&face(500.0, 300.0), &face(501.9, 350.0), None);
+        let (outcome, warnings) = assemble(&[&face(500.0, 300.0), &face(501.9, 350.0)], None);
         assert!(matches!(outcome, Outcome::Measured(_)));
         let [warning] = warnings[..] else { panic!("{warnings:?}") };
         assert_eq!(warning.kind, WarningKind::SidesDiffer);
         assert!((warning.found + 1.9).abs() < 1e-9 && (warning.sigma - 0.566).abs() < 0.01);
-        assert!(assemble(&face(500.0, 300.0), &face(501.0, 350.0), None).1.is_empty());
+        assert!(assemble(&[&face(500.0, 300.0), &face(501.0, 350.0)], None).1.is_empty());
     }
 }

@@ -1,4 +1,4 @@
-//! Results: what a frame tells about one face, what two frames tell about a box, and the settings that choose the way.
+//! Results: what a frame tells about one face, what two or three frames tell about a box, and the settings that choose the way.
 
 use crate::frames::{Cam, Plane, Point};
 use crate::network::{EdgeMapNetwork, Network};
@@ -193,12 +193,12 @@ pub enum FaceOutcome {
     Rejected(Reject),
 }
 
-/// What a pair of frames gives.
+/// What two or three frames give.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Outcome {
     /// The box was measured.
     Measured(BoxMeasurement),
-    /// Both frames show A x B: the box is A x A x B or A x B x B. Both candidates, the more likely first.
+    /// All frames show A x B: the box is A x A x B or A x B x B. Both candidates, the more likely first.
     Ambiguous([BoxMeasurement; 2]),
     /// The view cannot be measured.
     Rejected(Reject),
@@ -209,16 +209,18 @@ pub enum Outcome {
 pub struct BoxReport {
     /// The result.
     pub outcome: Outcome,
-    /// The two frames' own results, first and second frame.
-    pub faces: [FaceOutcome; 2],
-    /// Checks between the two faces that failed; those of a face stand with it.
+    /// What each of the two or three frames gave, in their order.
+    pub faces: Vec<FaceOutcome>,
+    /// Checks between the faces that failed; those of a face stand with it.
     pub warnings: Vec<Warning>,
     /// What told an A x A x B box from A x B x B, if that was needed and seen.
     pub settled: Option<DepthSeen>,
     /// Probability that every side of a measured or ambiguous box is within 5 mm ([`crate::confidence`]). `None` without a network.
     pub confidence: Option<f64>,
-    /// Of a refused box the likeliest, if the faces that the frames may show make one. It is not likely enough to be a result.
-    pub likeliest: Option<Candidate>,
+    /// Of a refused box the two likeliest, fewer if the faces that the frames may show make fewer. None is likely enough to be a result.
+    pub likeliest: Vec<Candidate>,
+    /// Two frames leave open what one of a third face may settle.
+    pub third_face_helps: bool,
 }
 
 /// A box that may be the right one.

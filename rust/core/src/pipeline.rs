@@ -1,6 +1,6 @@
 //! The one place that knows all stages and runs them in order.
 
-use crate::alternatives::{Alternative, Pair, Seen, likeliest_pair, weighed};
+use crate::alternatives::{Alternative, Seen, Together, likeliest_boxes, weighed};
 use crate::box_depth;
 use crate::calibration::Calibration;
 use crate::confidence;
@@ -32,6 +32,7 @@ use crate::stripe::grid_search::{self, Evidence, GridHypothesis};
 use crate::units::{Estimate, LaserId};
 use crate::view::SideOdds;
 use crate::warning::Warning;
+use std::ops::RangeInclusive;
 use std::sync::atomic::Ordering;
 use std::time::Instant;
 
@@ -543,18 +544,21 @@ fn no_box(best_share: f64) -> Reject {
     Reject::NoBox { best_share, needed_share: MIN_SEEN_SHARE }
 }
 
-/// Measures a box from two frames of adjacent faces.
+/// Frames that make a box: two adjacent faces, or three.
+const FRAMES: RangeInclusive<usize> = 2..=3;
+
+/// Measures a box from frames of two or three adjacent faces. With three every side is seen twice: what one frame leaves open the others
+/// tell, a wrong side shows, and an A x A x B box is never ambiguous. A third frame that cannot be measured does no harm.
 ///
 /// # Errors
-/// As [`measure_face`], for either frame.
+/// As [`measure_face`], for any of the frames; [`ErrorKind::InvalidFrame`] if there are not two or three.
 pub fn measure_box(
-    first: &Frame,
-    second: &Frame,
+    frames: &[&Frame],
     calibration: &Calibration,
     settings: &Settings,
     times: &mut StageTimes,
 ) -> Result<BoxReport, Error> {
-    measure_box_with_hints(first, second, calibration, settings, times).map(|(report, _)| report)
+    measure_box_with_hints(frames, calibration, settings, times).map(|(report, _)| report)
 }
 
 /// As [`measure_box`]; for each refused view with how to move, if moving helps.
@@ -562,86 +566,155 @@ pub fn measure_box(
 /// # Errors
 /// As [`measure_box`].
 pub fn measure_box_with_hints(
-    first: &Frame,
-    second: &Frame,
+    frames: &[&Frame],
     calibration: &Calibration,
     settings: &Settings,
     times: &mut StageTimes,
-) -> Result<(BoxReport, [Option<Hint>; 2]), Error> {
-    let face = |frame: &Frame, name: &str, times: &mut StageTimes| {
-        see_face(frame, calibration, settings, times).map_err(|e| e.in_context(name))
-    };
-    let ((a, hint_a), (b, hint_b)) = match settings.workers.filter(|_| !asks_network(settings)) {
-        Some(workers) => {
-            let (mut a, mut b, mut more) = (None, None, StageTimes::new());
-            workers.both(&mut || a = Some(face(first, "first frame", times)), &mut || {
-                b = Some(face(second, "second frame", &mut more));
-            });
-            more.into_iter().for_each(|(stage, nanos)| add_time(times, stage, nanos));
-            let left_out = || Err(Error::new(ErrorKind::Cancelled, "the caller's workers left out a frame"));
-            (a.unwrap_or_else(left_out)?, b.unwrap_or_else(left_out)?)
-        }
-        None => (face(first, "first frame", times)?, face(second, "second frame", times)?),
-    };
-    let hints = [hint_a, hint_b];
-    let frames = [first, second];
-    let pair = match (&a, &b) {
-        (Ok(a), Ok(b)) if asked_network(settings).is_some() => likeliest_pair([a, b], |faces| {
+) -> Result<(BoxReport, Vec<Option<Hint>>), Error> {
+    if !FRAMES.contains(&frames.len()) {
+        let text = format!("{} frames, a box takes two or three", frames.len());
+        return Err(Error::new(ErrorKind::InvalidFrame, text));
+    }
+    let (seen, hints): (Vec<_>, Vec<_>) =
+        see_faces(frames, calibration, settings, times)?.into_iter().unzip();
+    let boxes = asked_network(settings).map_or_else(Vec::new, |_| {
+        let of_frames: Vec<Option<&Seen>> = seen.iter().map(|seen| seen.as_ref().ok()).collect();
+        let agree = |faces: &[Option<&FaceMeasurement>]| {
             let assembled = assemble(frames, faces, calibration, settings);
             (!matches!(assembled.0, Outcome::Rejected(_))).then_some(assembled)
-        }),
-        _ => None,
-    };
-    let (mut likeliest, mut doubt) = (None, None);
-    if let Some(Pair { faces, agreed: (outcome, warnings, settled), probability }) = pair {
-        let sides = match &outcome {
-            Outcome::Measured(sides) | Outcome::Ambiguous([sides, _]) => Some(*sides),
-            Outcome::Rejected(_) => None, // no pair
         };
-        let located = sides.map(|s| located([&s.length, &s.width, &s.height], settings));
-        let confidence = probability * located.unwrap_or(1.0);
-        if confidence >= settings.least_confidence {
-            let faces = faces.map(|face| FaceOutcome::Measured(Box::new(face.clone())));
-            let confidence = Some(confidence);
-            let report = BoxReport { outcome, faces, warnings, settled, confidence, likeliest };
-            return Ok((report, [None, None]));
+        likeliest_boxes(&of_frames, agree, |(a, ..), (b, ..)| cuboid::same_outcome(a, b))
+    });
+    let confidence = |outcome: &Outcome, probability: f64| match outcome {
+        Outcome::Measured(s) | Outcome::Ambiguous([s, _]) => {
+            probability * located([&s.length, &s.width, &s.height], settings)
         }
-        if let Outcome::Measured(sides) = outcome {
-            likeliest = Some(Candidate { sides, confidence });
-        }
-        let overlap = [&a, &b].map(|seen| seen.as_ref().map_or(0.0, |seen| seen.overlap));
-        doubt = Some(unsure(confidence, settings, overlap[0].min(overlap[1])));
-    }
-    let (a, b) = (outcome_of(&a), outcome_of(&b));
-    let (outcome, warnings, settled) = match (&a, &b, doubt) {
-        (FaceOutcome::Rejected(r), ..) | (_, FaceOutcome::Rejected(r), _) => {
-            (Outcome::Rejected(r.clone()), Vec::new(), None)
-        }
-        (_, _, Some(doubt)) => (Outcome::Rejected(doubt), Vec::new(), None),
-        (FaceOutcome::Measured(a), FaceOutcome::Measured(b), None) => {
-            assemble(frames, [a, b], calibration, settings)
-        }
+        Outcome::Rejected(_) => 0.0, // nothing that agrees
     };
-    let report = BoxReport { outcome, faces: [a, b], warnings, settled, confidence: None, likeliest };
+    let likeliest = boxes.iter().filter_map(|together| match &together.agreed.0 {
+        Outcome::Measured(sides) => {
+            let confidence = confidence(&together.agreed.0, together.probability);
+            Some(Candidate { sides: *sides, confidence })
+        }
+        _ => None,
+    });
+    let (mut likeliest, mut doubt) = (likeliest.collect::<Vec<_>>(), None);
+    if let Some(Together { faces, agreed: (outcome, warnings, settled), probability }) =
+        boxes.into_iter().next()
+    {
+        let confidence = confidence(&outcome, probability);
+        if confidence >= settings.least_confidence {
+            let of_frame = |(face, seen): (&Option<&FaceMeasurement>, _)| match face {
+                Some(face) => FaceOutcome::Measured(Box::new((*face).clone())),
+                None => outcome_of(seen),
+            };
+            let faces: Vec<FaceOutcome> = faces.iter().zip(&seen).map(of_frame).collect();
+            let unseen = |(face, hint): (&FaceOutcome, _)| {
+                if matches!(face, FaceOutcome::Rejected(_)) { hint } else { None }
+            };
+            let hints = faces.iter().zip(hints).map(unseen).collect();
+            likeliest.clear();
+            let confidence = Some(confidence);
+            let third_face_helps = frames.len() == 2 && matches!(outcome, Outcome::Ambiguous(_));
+            let report =
+                BoxReport { outcome, faces, warnings, settled, confidence, likeliest, third_face_helps };
+            return Ok((report, hints));
+        }
+        let overlaps = seen.iter().map(|seen| seen.as_ref().map_or(0.0, |seen| seen.overlap));
+        doubt = Some(unsure(confidence, settings, overlaps.fold(1.0, f64::min)));
+    }
+    let faces: Vec<FaceOutcome> = seen.iter().map(outcome_of).collect();
+    let measured: Vec<Option<&FaceMeasurement>> = faces
+        .iter()
+        .map(|face| match face {
+            FaceOutcome::Measured(face) => Some(&**face),
+            FaceOutcome::Rejected(_) => None,
+        })
+        .collect();
+    let refused = faces.iter().find_map(|face| match face {
+        FaceOutcome::Rejected(reject) => Some(reject.clone()),
+        FaceOutcome::Measured(_) => None,
+    });
+    let (outcome, warnings, settled) = match (refused, doubt) {
+        (Some(reject), _) if measured.iter().flatten().count() < *FRAMES.start() => {
+            (Outcome::Rejected(reject), Vec::new(), None)
+        }
+        (_, Some(doubt)) => (Outcome::Rejected(doubt), Vec::new(), None),
+        (_, None) => assemble(frames, &measured, calibration, settings),
+    };
+    let third_face_helps = frames.len() == 2 && third_face_helps(&outcome, &faces);
+    let report =
+        BoxReport { outcome, faces, warnings, settled, confidence: None, likeliest, third_face_helps };
     if asks_network(settings) || !matches!(report.outcome, Outcome::Rejected(Reject::SidesDisagree { .. })) {
         return Ok((report, hints));
     }
-    Ok((with_alternatives(frames, calibration, settings, times).unwrap_or(report), hints))
+    let report = match *frames {
+        [first, second] => with_alternatives([first, second], calibration, settings, times).unwrap_or(report),
+        _ => report,
+    };
+    Ok((report, hints))
 }
 
-/// Puts two faces together; where that leaves two boxes, the frames are asked how deep the box is behind the faces.
+/// Whether a third face may settle what two leave open: each of their sides is seen once more in it.
+fn third_face_helps(outcome: &Outcome, faces: &[FaceOutcome]) -> bool {
+    let doubtful =
+        |reject: &Reject| matches!(reject, Reject::OutlineUnsure { .. } | Reject::FaceHidden { .. });
+    let one_is_good = faces.iter().any(|face| match face {
+        FaceOutcome::Measured(_) => true,
+        FaceOutcome::Rejected(reject) => doubtful(reject),
+    });
+    match outcome {
+        Outcome::Measured(_) => false,
+        Outcome::Ambiguous(_) => true,
+        Outcome::Rejected(reject) => {
+            one_is_good && (doubtful(reject) || matches!(reject, Reject::SidesDisagree { .. }))
+        }
+    }
+}
+
+/// What a frame shows; for a view that cannot be measured how to move.
+type SeenWithHint = (Result<Seen, Reject>, Option<Hint>);
+
+/// What each frame shows.
+fn see_faces(
+    frames: &[&Frame],
+    calibration: &Calibration,
+    settings: &Settings,
+    times: &mut StageTimes,
+) -> Result<Vec<SeenWithHint>, Error> {
+    const NAMES: [&str; 3] = ["first frame", "second frame", "third frame"];
+    let see = |i: usize, times: &mut StageTimes| {
+        see_face(frames[i], calibration, settings, times).map_err(|e| e.in_context(NAMES[i]))
+    };
+    let Some(workers) = settings.workers.filter(|_| !asks_network(settings)) else {
+        return (0..frames.len()).map(|i| see(i, times)).collect();
+    };
+    let (mut first, mut others, mut more) = (None, None, StageTimes::new());
+    workers.both(&mut || first = Some(see(0, times)), &mut || {
+        others = Some((1..frames.len()).map(|i| see(i, &mut more)).collect::<Result<Vec<_>, _>>());
+    });
+    more.into_iter().for_each(|(stage, nanos)| add_time(times, stage, nanos));
+    let left_out = || Error::new(ErrorKind::Cancelled, "the caller's workers left out a frame");
+    let first = first.ok_or_else(left_out)??;
+    Ok([first].into_iter().chain(others.ok_or_else(left_out)??).collect())
+}
+
+/// Puts the faces together that are there, one a frame; where two leave two boxes, their frames are asked how deep the box is behind
+/// the faces.
 fn assemble(
-    frames: [&Frame; 2],
-    faces: [&FaceMeasurement; 2],
+    frames: &[&Frame],
+    faces: &[Option<&FaceMeasurement>],
     calibration: &Calibration,
     settings: &Settings,
 ) -> (Outcome, Vec<Warning>, Option<DepthSeen>) {
-    let [a, b] = faces;
-    let (outcome, warnings) = cuboid::assemble(a, b, settings.choose);
-    if let Outcome::Ambiguous(candidates) = &outcome
-        && let Some((which, seen)) = box_depth::settle(calibration, frames, faces, candidates)
+    let known: Vec<(&Frame, &FaceMeasurement)> =
+        frames.iter().zip(faces).filter_map(|(frame, face)| Some((*frame, (*face)?))).collect();
+    let faces: Vec<&FaceMeasurement> = known.iter().map(|(_, face)| *face).collect();
+    let (outcome, warnings) = cuboid::assemble(&faces, settings.choose);
+    if let (Outcome::Ambiguous(candidates), [(p, a), (q, b)]) = (&outcome, &known[..])
+        && let Some((which, seen)) = box_depth::settle(calibration, [*p, *q], [*a, *b], candidates)
     {
-        let (outcome, warnings) = cuboid::assemble(a, b, Some(which));
+        let (outcome, warnings) = cuboid::assemble(&faces, Some(which));
         return (outcome, warnings, Some(seen));
     }
     (outcome, warnings, None)
@@ -671,7 +744,7 @@ fn with_alternatives(
             if i > 0 && j > 0 {
                 continue;
             }
-            let (outcome, warnings, settled) = assemble(frames, [a, b], calibration, settings);
+            let (outcome, warnings, settled) = assemble(&frames, &[Some(a), Some(b)], calibration, settings);
             if matches!(outcome, Outcome::Rejected(_)) {
                 continue;
             }
@@ -681,11 +754,12 @@ fn with_alternatives(
             let measured = |face: &FaceMeasurement| FaceOutcome::Measured(Box::new(face.clone()));
             found.get_or_insert(BoxReport {
                 outcome,
-                faces: [measured(a), measured(b)],
+                faces: vec![measured(a), measured(b)],
                 warnings,
                 settled,
                 confidence: None,
-                likeliest: None,
+                likeliest: Vec::new(),
+                third_face_helps: false,
             });
         }
     }

@@ -109,5 +109,5 @@ pub fn measure_points(
 /// Puts two faces of a box together.
 #[must_use]
 pub fn measure_box_of(first: &FaceMeasurement, second: &FaceMeasurement) -> (Outcome, Vec<Warning>) {
-    cuboid::assemble(first, second, None)
+    cuboid::assemble(&[first, second], None)
 }

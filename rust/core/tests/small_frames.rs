@@ -145,7 +145,7 @@ fn a_frame_of_another_size_is_an_error_that_names_both() {
     for (width, height) in [(1, 1), (3, 2), (64, 64), (480, 640)] {
         let wrong = Frame::from_rgb(width, height, vec![0; width * height * 3]).expect("the size fits");
         for (a, b) in [(&wrong, &right), (&right, &wrong)] {
-            let error = measure_box(a, b, &calibration, &Settings::default(), &mut Vec::new())
+            let error = measure_box(&[a, b], &calibration, &Settings::default(), &mut Vec::new())
                 .expect_err("sizes differ");
             assert_eq!(error.kind(), ErrorKind::CalibrationMismatch);
             let text = error.to_string();

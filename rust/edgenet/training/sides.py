@@ -3,6 +3,7 @@
     boxline render --stream --views --seed 1 --count 30000 --photos photos > views.bin                what it learns from
     boxline render --stream --views --held-out --seed 1099511627776 --count 800 --photos photos > held-out.bin
     python sides.py --run runs/sides --views views.bin --validation held-out.bin --visits 150000      goes on where it stopped
+    python sides.py --run runs/sides --views views.bin --validation held-out.bin --begin ../models/sides.onnx     begins from that file
     python sides.py --run runs/sides --validation held-out.bin --export ../models/sides.onnx          the file, its card and check
 
 A view is what `boxline::sides::face_view` makes: 5 channels of 256 x 256. The network gives, for each of the four sides, the logits of
@@ -100,6 +101,38 @@ class SidesNet(nn.Module):
             covered = (hidden * place.softmax(1)).sum(1, keepdim=True) + whole[:, 4 + side : 5 + side]
             sides.append(torch.cat([place, gone, covered], 1))
         return torch.stack(sides, 1)[:, :, None]
+
+
+@torch.no_grad()
+def begin_from(network: SidesNet, path: Path, pictures: torch.Tensor) -> None:
+    """Weights of an exported file, in which every normalisation is folded into its convolution. Each gets one again that changes nothing
+    on these views: it takes away what it finds there, and adds the same."""
+    import onnx
+
+    weights = {w.name: torch.from_numpy(onnx.numpy_helper.to_array(w).copy()) for w in onnx.load(path).graph.initializer}
+    hooks = []
+
+    def same_again(norm: nn.BatchNorm2d, bias: torch.Tensor):
+        def hook(_, inputs):
+            x = inputs[0]
+            mean, variance = x.mean((0, 2, 3)), x.var((0, 2, 3), unbiased=False)
+            norm.running_mean.copy_(mean)
+            norm.running_var.copy_(variance)
+            norm.weight.copy_((variance + norm.eps).sqrt())
+            norm.bias.copy_(bias + mean)
+
+        return hook
+
+    for name, module in network.named_modules():
+        if isinstance(module, ConvNorm):
+            module[0].weight.copy_(weights.pop(f"{name}.0.weight"))
+            hooks.append(module[1].register_forward_pre_hook(same_again(module[1], weights.pop(f"{name}.0.bias"))))
+    left = {name: value for name, value in weights.items() if name in network.state_dict()}
+    network.load_state_dict(left, strict=False)
+    network.train()
+    network(pictures)
+    for hook in hooks:
+        hook.remove()
 
 
 class Views:
@@ -256,6 +289,10 @@ def train(options: argparse.Namespace, stop) -> None:
         averaged.load_state_dict(state["averaged"])
         optimiser.load_state_dict(state["optimiser"])
     rng = np.random.default_rng([options.seed, step])
+    if options.begin and not state:
+        begin_from(network, options.begin, batch_of(views, rng.integers(len(views), size=64), rng)[0])
+        averaged.load_state_dict(network.state_dict())
+        print(f"begun from {options.begin}: {json.dumps(scores(told_by(averaged, validation), validation))}", flush=True)
     steps = options.visits // options.batch
 
     def save() -> None:
@@ -351,6 +388,7 @@ def main() -> None:
     parser.add_argument("--views", type=Path, help="what to learn from")
     parser.add_argument("--validation", type=Path, required=True, help="held-out views")
     parser.add_argument("--export", type=Path, help="write this ONNX file instead of training")
+    parser.add_argument("--begin", type=Path, help="begin from the weights of this ONNX file, if there is no checkpoint")
     parser.add_argument("--visits", type=int, default=150_000)
     parser.add_argument("--batch", type=int, default=16)
     parser.add_argument("--lr", type=float, default=2e-3)

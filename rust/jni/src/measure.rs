@@ -18,17 +18,20 @@ pub(crate) fn stop_sign(handle: i64) -> Result<Option<Arc<AtomicBool>>, Failure>
     if handle == 0 { Ok(None) } else { Ok(Some(STOPS.get(handle)?)) }
 }
 
-/// Measures a box from two JPEGs. Gives the bytes of a `boxline.v1.BoxReport` whose faces are called `a` and `b`.
-pub(crate) fn pair(
-    jpegs: [&[u8]; 2],
+/// Measures a box from two or three JPEGs. Gives the bytes of a `boxline.v1.BoxReport` whose faces are called `a`, `b` and `c`.
+pub(crate) fn faces(
+    jpegs: &[&[u8]],
     calibration: &Calibration,
     stop: Option<&AtomicBool>,
 ) -> Result<Vec<u8>, Failure> {
-    let (a, b) = (decode(jpegs[0], "frameA")?, decode(jpegs[1], "frameB")?);
+    const NAMES: [&str; 3] = ["frameA", "frameB", "frameC"];
+    let frames: Vec<Frame> =
+        jpegs.iter().zip(NAMES).map(|(jpeg, name)| decode(jpeg, name)).collect::<Result<_, _>>()?;
+    let frames: Vec<&Frame> = frames.iter().collect();
     let network = network::get()?;
     let settings = Settings { network: network.as_ref_dyn(), cancelled: stop, ..Settings::default() };
-    let (report, hints) = measure_box_with_hints(&a, &b, calibration, &settings, &mut StageTimes::new())?;
-    Ok(encode_report(&report, &hints, ["a", "b"]))
+    let (report, hints) = measure_box_with_hints(&frames, calibration, &settings, &mut StageTimes::new())?;
+    Ok(encode_report(&report, &hints, &["a", "b", "c"][..frames.len()]))
 }
 
 /// Whether a face could be measured in frame `number`. Gives the bytes of a `boxline.v1.LiveView`; `steady` says of the view

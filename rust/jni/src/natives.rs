@@ -150,9 +150,9 @@ pub extern "system" fn close_stop<'local>(env: EnvUnowned<'local>, _class: JClas
     guard(env, |_| Ok(STOPS.close(stop)?));
 }
 
-/// `static native byte[] measureBox(long calibration, ByteBuffer frameA, ByteBuffer frameB, long stop)`: measures a box from
-/// two frames. Each buffer is direct and holds one JPEG from position to limit; both stay unchanged. Gives the bytes of a
-/// `boxline.v1.BoxReport` whose faces are called `a` and `b`.
+/// `static native byte[] measureBox(long calibration, ByteBuffer frameA, ByteBuffer frameB, ByteBuffer frameC, long stop)`: measures
+/// a box from two frames, or from three unless `frameC` is null. Each buffer is direct and holds one JPEG from position to limit; all
+/// stay unchanged. Gives the bytes of a `boxline.v1.BoxReport` whose faces are called `a`, `b` and `c`.
 #[jni_mangle("dev.boxline.internal.Native")]
 pub extern "system" fn measure_box<'local>(
     env: EnvUnowned<'local>,
@@ -160,13 +160,17 @@ pub extern "system" fn measure_box<'local>(
     calibration: jlong,
     frame_a: JByteBuffer<'local>,
     frame_b: JByteBuffer<'local>,
+    frame_c: JByteBuffer<'local>,
     stop: jlong,
 ) -> JByteArray<'local> {
     guard(env, |env| {
         let calibration = CALIBRATIONS.get(calibration)?;
         let stop = stop_sign(stop)?;
         let (a, b) = (bytes_of_buffer(env, &frame_a, "frameA")?, bytes_of_buffer(env, &frame_b, "frameB")?);
-        Ok(env.byte_array_from_slice(&measure::pair([&a, &b], &calibration, stop.as_deref())?)?)
+        let c = if frame_c.is_null() { None } else { Some(bytes_of_buffer(env, &frame_c, "frameC")?) };
+        let jpegs: Vec<&[u8]> =
+            [Some(&a), Some(&b), c.as_ref()].into_iter().flatten().map(|j| &**j).collect();
+        Ok(env.byte_array_from_slice(&measure::faces(&jpegs, &calibration, stop.as_deref())?)?)
     })
 }
 
@@ -197,8 +201,8 @@ pub extern "system" fn report_json_text<'local>(
 ) -> JString<'local> {
     guard(env, |env| {
         let decoded = decode_report(&bytes_of_array(env, &report, "report")?)?;
-        let [a, b] = &decoded.frame_ids;
-        Ok(env.new_string(report_json(&decoded.report, &decoded.hints, [a, b]).to_string())?)
+        let ids: Vec<&str> = decoded.frame_ids.iter().map(String::as_str).collect();
+        Ok(env.new_string(report_json(&decoded.report, &decoded.hints, &ids).to_string())?)
     })
 }
 
@@ -356,24 +360,26 @@ pub extern "system" fn view_captured<'local>(
     })
 }
 
-/// `static native byte[] measureFrames(long calibration, long frameA, long frameB, long stop)`: as `measureBox`, for captured
+/// `static native byte[] measureFrames(long calibration, long[] frames, long stop)`: as `measureBox`, for two or three captured
 /// frames.
 #[jni_mangle("dev.boxline.internal.Native")]
 pub extern "system" fn measure_frames<'local>(
     env: EnvUnowned<'local>,
     _class: JClass<'local>,
     calibration: jlong,
-    frame_a: jlong,
-    frame_b: jlong,
+    frames: JLongArray<'local>,
     stop: jlong,
 ) -> JByteArray<'local> {
     guard(env, |env| {
         let calibration = CALIBRATIONS.get(calibration)?;
         let stop = stop_sign(stop)?;
-        let (a, b) = (FRAMES.get(frame_a)?, FRAMES.get(frame_b)?);
-        check_serial(&a.serial, &calibration)?;
-        check_serial(&b.serial, &calibration)?;
-        let report = measure::pair([&a.jpeg, &b.jpeg], &calibration, stop.as_deref())?;
+        let mut handles = vec![0; frames.len(env)?];
+        frames.get_region(env, 0, &mut handles)?;
+        let frames: Vec<_> =
+            handles.into_iter().map(|handle| FRAMES.get(handle)).collect::<Result<_, _>>()?;
+        frames.iter().try_for_each(|frame| check_serial(&frame.serial, &calibration))?;
+        let jpegs: Vec<&[u8]> = frames.iter().map(|frame| &*frame.jpeg).collect();
+        let report = measure::faces(&jpegs, &calibration, stop.as_deref())?;
         Ok(env.byte_array_from_slice(&report)?)
     })
 }

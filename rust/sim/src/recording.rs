@@ -20,7 +20,9 @@ use std::path::Path;
 pub enum Kind {
     /// Two adjacent faces of one box.
     Box,
-    /// The same for a box A x A x B of which both frames show A x B ([`Plan::Twins`]).
+    /// Three adjacent faces of one box.
+    Three,
+    /// Two faces of a box A x A x B of which both frames show A x B ([`Plan::Twins`]).
     Twins,
     /// This many single faces of different boxes.
     Faces(usize),
@@ -128,6 +130,7 @@ pub fn render_recording(
     let mut scenes = Vec::new();
     match kind {
         Kind::Box => scenes.push(compose(&mut rng, &head, Plan::Box, stock)),
+        Kind::Three => scenes.push(compose(&mut rng, &head, Plan::Three, stock)),
         Kind::Twins => scenes.push(compose(&mut rng, &head, Plan::Twins, stock)),
         Kind::Faces(n) => {
             scenes.extend((0..n).map(|_| compose(&mut rng.child(), &head, Plan::Face, stock)));
@@ -148,7 +151,7 @@ pub fn render_recording(
         }
     }
     let prefix = match kind {
-        Kind::Box | Kind::Twins => "",
+        Kind::Box | Kind::Three | Kind::Twins => "",
         Kind::Faces(_) => "f",
         Kind::Refuse(_) => "r",
         Kind::Occluded(_) => "o",
@@ -158,7 +161,7 @@ pub fn render_recording(
     let views = scenes.iter().flat_map(|s| s.views.iter().map(move |v| (s, v)));
     for (n, (scene, view)) in views.enumerate() {
         let id = match kind {
-            Kind::Box | Kind::Twins => ["a", "b"][n % 2].to_owned(),
+            Kind::Box | Kind::Three | Kind::Twins => ["a", "b", "c"][n % 3].to_owned(),
             _ => format!("{prefix}{:02}", n + 1),
         };
         let frame_seed = crate::rng::mix(seed) ^ n as u64;
@@ -186,6 +189,6 @@ pub fn render_recording(
     };
     put_json("recording.json", &recording)?;
     put_json("calibration.json", &head.calibration_json())?;
-    let whole_box = matches!(kind, Kind::Box | Kind::Twins);
+    let whole_box = matches!(kind, Kind::Box | Kind::Three | Kind::Twins);
     put_json("truth.json", &truth(&head, &truths, whole_box, stock))
 }

@@ -29,6 +29,10 @@ pub struct ViewSample {
     pub values: Vec<u8>,
 }
 
+/// Shares of faces that are whole, and that something in front hides in part; the rest are cut by the border. More are hidden than in
+/// warehouses, since what hides a face is the hardest to learn.
+const WHOLE: f64 = 0.66;
+const HIDDEN: f64 = 0.3;
 /// The measured direction of a face is off by so much, degrees: mostly, and now and then.
 const TURN_DEG: [f64; 2] = [0.4, 2.0];
 const OFTEN_TURNED_MORE: f64 = 0.15;
@@ -46,8 +50,8 @@ pub fn view_sample(seed: u64, stock: &Stock) -> Result<ViewSample, Error> {
     let mut rng = Rng::new(seed, 22);
     loop {
         let plan = match rng.unit() {
-            x if x < 0.82 => Plan::Face,
-            x if x < 0.95 => Plan::Refused(Refuse::Hidden),
+            x if x < WHOLE => Plan::Face,
+            x if x < WHOLE + HIDDEN => Plan::Refused(Refuse::Hidden),
             _ => Plan::Refused(Refuse::CutByBorder),
         };
         let mut scene = compose(&mut rng, &head, plan, stock);

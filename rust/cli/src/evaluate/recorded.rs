@@ -1,7 +1,7 @@
 //! Recordings with known truth, decoded and judged: from folders, or made by the renderer without one.
 
 use super::score::{BoxScore, FaceScore, RecordingScore};
-use crate::input::{Usage, lit_faces, pair, read_frame};
+use crate::input::{Usage, box_frames, lit_faces, read_frame};
 use boxline::{
     Calibration, Error, ErrorKind, Frame, Method, Settings, StageTimes, measure_box, measure_face,
 };
@@ -105,7 +105,7 @@ impl Recorded {
         read: impl Fn(&RecordedFrame) -> Result<Frame, Error>,
     ) -> Result<Self, Error> {
         let true_box_mm = if truth.must_refuse { None } else { truth.box_mm };
-        let used = if true_box_mm.is_some() { pair(recording)?.to_vec() } else { lit_faces(recording) };
+        let used = if true_box_mm.is_some() { box_frames(recording)? } else { lit_faces(recording) };
         let mut frames = Vec::new();
         let mut decode_nanos = 0;
         for frame in used {
@@ -125,6 +125,14 @@ impl Recorded {
         Ok(Self { name, must_refuse: truth.must_refuse, true_box_mm, frames, decode_nanos })
     }
 
+    /// Keeps the first faces of a box.
+    pub fn with_faces(mut self, most: u8) -> Self {
+        if self.true_box_mm.is_some() {
+            self.frames.truncate(usize::from(most));
+        }
+        self
+    }
+
     /// Measures and compares.
     pub fn judge(
         &self,
@@ -135,18 +143,19 @@ impl Recorded {
         let mut times = StageTimes::new();
         let mut cuboid = None;
         let mut faces = Vec::new();
-        if let (Some(truth_mm), [a, b]) = (self.true_box_mm, &self.frames[..]) {
-            let report = measure_box(&a.2, &b.2, calibration, settings, &mut times)
+        if let Some(truth_mm) = self.true_box_mm {
+            let frames: Vec<&Frame> = self.frames.iter().map(|(_, _, frame)| frame).collect();
+            let report = measure_box(&frames, calibration, settings, &mut times)
                 .map_err(|e| e.in_context(&self.name))?;
-            for (face, (_, true_face, _)) in report.faces.into_iter().zip([a, b]) {
+            for (face, (_, true_face, _)) in report.faces.into_iter().zip(&self.frames) {
                 faces.push(FaceScore::new(true_face, false, face));
             }
             cuboid = Some(BoxScore {
                 truth_mm,
                 outcome: report.outcome,
-                two_are_right: same_sides(&a.1, &b.1),
+                two_are_right: all_same_sides(&self.frames),
                 confidence: report.confidence,
-                likeliest: report.likeliest,
+                likeliest: report.likeliest.first().copied(),
                 warnings: report.warnings,
             });
         } else {
@@ -172,7 +181,12 @@ impl Recorded {
     }
 }
 
-/// Do two faces have the same two lengths, within what no measurement could tell apart from one box side?
+/// Do all faces have the same two lengths? Then no measurement of theirs tells the box.
+fn all_same_sides(frames: &[(RecordedFrame, TruthFace, Frame)]) -> bool {
+    frames.windows(2).all(|two| same_sides(&two[0].1, &two[1].1))
+}
+
+/// Have two faces the same two lengths, within what no measurement could tell apart from one box side?
 fn same_sides(a: &TruthFace, b: &TruthFace) -> bool {
     a.size_mm.zip(b.size_mm).is_some_and(|(a, b)| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 0.01 * a))
 }

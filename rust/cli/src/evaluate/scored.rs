@@ -11,6 +11,8 @@ use super::{Broken, figures, progress_bar};
 use super::{simulated, stock};
 use crate::Finished;
 use crate::args::EvaluateArgs;
+#[cfg(feature = "render")]
+use crate::args::RenderKind;
 use crate::input::Usage;
 use crate::overlay::{self, Headline, View};
 use anyhow::Context;
@@ -236,6 +238,9 @@ impl Bench<'_> {
         #[cfg(feature = "render")]
         if let Some(stock) = &self.stock {
             made.source = value_name(args.kind);
+            if args.faces < 3 && matches!(args.kind, RenderKind::Three) {
+                made.source.push_str(&format!(" --faces {}", args.faces));
+            }
             made.hazards = Some(args.hazards.to_string());
             let mut names = Sha256::new();
             stock.photos.all.iter().for_each(|photo| names.update(format!("{}\n", photo.name)));
@@ -266,6 +271,7 @@ impl Bench<'_> {
         };
         let edges = self.args.edges.flatten().unwrap_or_default();
         let settings = self.args.network.settings(self.method, edges, network);
+        let recorded = recorded.with_faces(self.args.faces);
         let score = recorded.judge(&calibration, &settings, self.method)?;
         let rows = rows_of(&job.name, seed, &recorded, &calibration, &score);
         if let Some(folder) = &self.args.overlays {

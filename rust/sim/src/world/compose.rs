@@ -23,6 +23,8 @@ use std::collections::BTreeSet;
 pub enum Plan {
     /// Two adjacent faces of one box.
     Box,
+    /// Three adjacent faces of one box.
+    Three,
     /// Two adjacent faces of a box A x A x B that both show A x B, each seen obliquely: what they share is told by the depth.
     Twins,
     /// One face.
@@ -118,7 +120,7 @@ struct Drawn {
 impl Drawn {
     fn new(rng: &mut Rng, plan: Plan, hazards: &Hazards) -> Self {
         let mut draw = |hazard| hazards.draw(rng, hazard);
-        let oblique = draw(Hazard::Oblique) && matches!(plan, Plan::Box | Plan::Face);
+        let oblique = draw(Hazard::Oblique) && matches!(plan, Plan::Box | Plan::Three | Plan::Face);
         let weak_laser = draw(Hazard::WeakLaser);
         let one_colour = draw(Hazard::OneColour);
         let (polished_floor, second_bounce) = (draw(Hazard::MirrorFloor), draw(Hazard::SecondBounce));
@@ -339,6 +341,10 @@ fn box_size(rng: &mut Rng) -> Vector3<f64> {
 }
 
 fn pick_faces(rng: &mut Rng, plan: Plan) -> Vec<usize> {
+    if plan == Plan::Three {
+        let side = rng.pick([0, 1]);
+        return rng.pick([[3, side, 4], [side, 3, 4], [3, 4, side], [4, side, 3]]).to_vec();
+    }
     let mut pair = rng.pick([[3, 0], [3, 1], [3, 4], [0, 4], [1, 4], [3, 4]]);
     if rng.chance(0.5) {
         pair.swap(0, 1);

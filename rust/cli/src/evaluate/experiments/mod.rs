@@ -225,7 +225,8 @@ impl Bench {
             let (settings, calibration) = (nets.settings(way), &self.head.calibration);
             let became = match &frames[..] {
                 [first, second] => {
-                    let report = measure_box(first, second, calibration, &settings, &mut StageTimes::new())?;
+                    let report =
+                        measure_box(&[first, second], calibration, &settings, &mut StageTimes::new())?;
                     match report.outcome {
                         Outcome::Measured(m) => Shot::Measured {
                             sides: vec![m.length, m.width, m.height],

@@ -231,7 +231,7 @@ impl Bench<'_> {
         let (calibration, times) = (subject.calibration, &mut StageTimes::new());
         let in_context = |e: boxline::Error| e.in_context(&subject.name);
         let (found, faces, headline) = if let (Due::Box(truth_mm), [a, b]) = (&subject.due, frames) {
-            let report = measure_box(a, b, calibration, &settings, times).map_err(in_context)?;
+            let report = measure_box(&[a, b], calibration, &settings, times).map_err(in_context)?;
             let headline = Headline::of_box(&report.outcome);
             (of_box(&report, *truth_mm), report.faces.to_vec(), headline)
         } else {

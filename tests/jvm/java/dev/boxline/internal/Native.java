@@ -25,5 +25,5 @@ public final class Native {
      *
      * @return the bytes of a boxline.v1.BoxReport
      */
-    public static native byte[] measureBox(long handle, ByteBuffer frameA, ByteBuffer frameB, long stop);
+    public static native byte[] measureBox(long handle, ByteBuffer frameA, ByteBuffer frameB, ByteBuffer frameC, long stop);
 }

@@ -49,6 +49,9 @@ public class BoxMeter private constructor(
 
     @Volatile private var closed = false
 
+    /** Faces to capture before a measurement: three once two have left something open. */
+    @Volatile private var wanted = 2
+
     /** What the meter is doing; always the newest value, from the thread that looks. */
     public val state: StateFlow<ScannerState> = mutableState.asStateFlow()
 
@@ -60,7 +63,15 @@ public class BoxMeter private constructor(
      * @throws ScannerConfigException if the pictures have another size than the calibration's
      */
     public suspend fun measureBox(frameA: ByteBuffer, frameB: ByteBuffer): MeasureResult = result {
-        measureResult(measuring.call { stop -> Native.measureBox(calibration, frameA, frameB, stop) })
+        measureResult(measuring.call { stop -> Native.measureBox(calibration, frameA, frameB, null, stop) })
+    }
+
+    /**
+     * The same from pictures of three adjacent faces, in which every side is seen twice: it measures boxes that two pictures leave open
+     * ([MeasureResult.Rejected.thirdFaceHelps], [MeasureResult.Ambiguous]). A third picture that cannot be measured does no harm.
+     */
+    public suspend fun measureBox(frameA: ByteBuffer, frameB: ByteBuffer, frameC: ByteBuffer): MeasureResult = result {
+        measureResult(measuring.call { stop -> Native.measureBox(calibration, frameA, frameB, frameC, stop) })
     }
 
     /** Whether a face could be measured in this picture, and if not, why. Exceptions as [measureBox]. */
@@ -70,7 +81,7 @@ public class BoxMeter private constructor(
 
     /**
      * Lights the lasers, starts the stream and keeps [state] up to date until [stopLive]. With [autoCapture] a face is captured by
-     * itself as soon as it can be measured and the head is held still; the second one only after the head has moved.
+     * itself as soon as it can be measured and the head is held still; the next one only after the head has moved.
      *
      * @throws IllegalStateException if this meter has no head
      */
@@ -95,7 +106,7 @@ public class BoxMeter private constructor(
     }
 
     /**
-     * Captures the face in view and keeps it if it can be measured; of three captured faces the first is dropped. Needs [startLive].
+     * Captures the face in view and keeps it if it can be measured; of four captured faces the first is dropped. Needs [startLive].
      *
      * @throws IllegalStateException if this meter has no head or is not live
      */
@@ -110,21 +121,25 @@ public class BoxMeter private constructor(
     }
 
     /**
-     * Measures the box from the two captured faces, or from those of the recording. They stay until [dropCaptured].
+     * Measures the box from the two or three captured faces, or from those of the recording. They stay until [dropCaptured]: after
+     * [MeasureResult.Rejected.thirdFaceHelps] capture a third face and measure again.
      *
-     * @throws IllegalStateException if two faces are not captured
+     * @throws IllegalStateException if fewer than two faces are captured
      */
     public suspend fun measure(): MeasureResult = result {
-        val pair = synchronized(captured) { captured.toList() }
-        check(pair.size == 2) { "two captured faces are needed, there are ${pair.size}" }
-        val (a, b) = pair
-        val report = measuring.call { stop -> Native.measureFrames(calibration, a.handle, b.handle, stop) }
-        measureResult(report)
+        val faces = synchronized(captured) { captured.map(CapturedFrame::handle) }
+        check(faces.size >= 2) { "two captured faces are needed, there are ${faces.size}" }
+        measureResult(measuring.call { stop -> Native.measureFrames(calibration, faces.toLongArray(), stop) }).also {
+            if (it is MeasureResult.Rejected && it.thirdFaceHelps) wanted = 3
+        }
     }
 
-    /** Waits until [startLive] with `autoCapture` has captured two faces, then measures them. */
+    /**
+     * Waits until [startLive] with `autoCapture` has captured two faces, then measures them. Called again after
+     * [MeasureResult.Rejected.thirdFaceHelps] it waits for a third.
+     */
     public suspend fun measureLive(): MeasureResult {
-        val end = state.first { it.captured == 2 || it.connection is Connection.Unavailable }.connection
+        val end = state.first { it.captured >= wanted || it.connection is Connection.Unavailable }.connection
         return if (end is Connection.Unavailable) MeasureResult.DeviceUnavailable(end.cause, end.message) else measure()
     }
 
@@ -132,10 +147,11 @@ public class BoxMeter private constructor(
     public fun dropCaptured() {
         val dropped = synchronized(captured) { captured.toList().also { captured.clear() } }
         dropped.forEach(CapturedFrame::close)
+        wanted = 2
         mutableState.update { it.copy(captured = 0) }
     }
 
-    /** The JPEG of captured face 0 or 1, as the head sent it; null if there is none. */
+    /** The JPEG of captured face 0, 1 or 2, as the head sent it; null if there is none. */
     public fun capturedJpeg(index: Int): ByteArray? {
         checkOpen()
         return synchronized(captured) { captured.getOrNull(index)?.let { Native.frameJpeg(it.handle) } }
@@ -190,7 +206,7 @@ public class BoxMeter private constructor(
                 after = frame
                 mutableState.update { it.copy(view = view) }
                 val steady = view is FaceView.Measurable && view.steady
-                if (autoCapture && steady && moved && state.value.captured < 2) {
+                if (autoCapture && steady && moved && state.value.captured < wanted) {
                     moved = capture() !is FaceResult.Captured
                 } else if (!steady) {
                     moved = true
@@ -226,7 +242,7 @@ public class BoxMeter private constructor(
     private fun keep(frame: CapturedFrame): Int {
         val number = synchronized(captured) {
             if (closed) frame.close() else captured += frame
-            if (captured.size > 2) captured.removeFirst().close()
+            if (captured.size > 3) captured.removeFirst().close()
             captured.size
         }
         mutableState.update { it.copy(captured = number) }

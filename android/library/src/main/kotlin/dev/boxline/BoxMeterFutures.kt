@@ -19,6 +19,10 @@ public class BoxMeterFutures(private val meter: BoxMeter) : AutoCloseable {
     public fun measureBox(frameA: ByteBuffer, frameB: ByteBuffer): CompletableFuture<MeasureResult> =
         scope.future { meter.measureBox(frameA, frameB) }
 
+    /** As [BoxMeter.measureBox] with three pictures. */
+    public fun measureBox(frameA: ByteBuffer, frameB: ByteBuffer, frameC: ByteBuffer): CompletableFuture<MeasureResult> =
+        scope.future { meter.measureBox(frameA, frameB, frameC) }
+
     /** As [BoxMeter.view]. */
     public fun view(frame: ByteBuffer): CompletableFuture<FaceView> = scope.future { meter.view(frame) }
 

@@ -13,7 +13,7 @@ public sealed interface MeasureResult {
     ) : MeasureResult
 
     /**
-     * Both pictures show a face of A x B, so the box is A x A x B or A x B x B, and only a look at it can tell. [first] is the more
+     * All pictures show a face of A x B, so the box is A x A x B or A x B x B, and only a look at it or a picture of the third face can tell. [first] is the more
      * likely one.
      */
     public class Ambiguous internal constructor(
@@ -29,8 +29,12 @@ public sealed interface MeasureResult {
     /** A view cannot be measured; [reason] says why and what to do. */
     public class Rejected internal constructor(
         public val reason: Reason,
-        /** The picture that is refused, 0 or 1; null if each is good and they do not fit together. */
+        /** The picture that is refused, 0, 1 or 2; null if two or more are good and they do not fit together surely enough. */
         public val face: Int?,
+        /** The likeliest boxes, two at most, for a person who decides; none is likely enough to be a result. */
+        public val candidates: List<Candidate>,
+        /** Two pictures leave open what one of a third face may settle: `measureBox` takes three. */
+        public val thirdFaceHelps: Boolean,
         public val record: Record,
     ) : MeasureResult
 
@@ -41,9 +45,16 @@ public sealed interface MeasureResult {
     ) : MeasureResult
 }
 
+/** A box that may be the right one. */
+public class Candidate internal constructor(
+    public val size: BoxSize,
+    /** Probability that it is, 0 to 1. */
+    public val confidence: Double,
+)
+
 /** What the capture of one face ends with. */
 public sealed interface FaceResult {
-    /** The face was captured; [number] is how many are kept now, one or two. */
+    /** The face was captured; [number] is how many are kept now, one to three. */
     public class Captured internal constructor(public val view: FaceView.Measurable, public val number: Int) : FaceResult
 
     /** This view cannot be measured and was not kept. */

@@ -62,6 +62,8 @@ class MeasureTest {
             // The same lengths twice: never a wrong box, either two candidates or a refusal.
             val same = meter.measureBox(Recordings.frame("b02", "a"), Recordings.frame("b02", "a"))
             assertTrue("$same", same is MeasureResult.Ambiguous)
+            val settled = meter.measureBox(Recordings.frame("b02", "a"), Recordings.frame("b02", "a"), Recordings.frame("b02", "b"))
+            assertTrue("$settled", settled is MeasureResult.Measured)
             val dark = meter.measureBox(Recordings.frame("b02", "a_off"), Recordings.frame("b02", "b"))
             val reason = (dark as MeasureResult.Rejected).reason
             assertEquals(Reason.Kind.NO_BOX, reason.kind)

@@ -3,6 +3,7 @@ package dev.boxline
 import dev.boxline.internal.liveView
 import dev.boxline.internal.measureResult
 import org.junit.Assert.assertEquals
+import org.junit.Assert.assertFalse
 import org.junit.Assert.assertNull
 import org.junit.Assert.assertTrue
 import org.junit.Test
@@ -67,6 +68,21 @@ class ReportsTest {
         val result = measureResult(field(1, 3) + field(4, reject) + field(5, field(2, 1)) + field(5, face)) as MeasureResult.Rejected
         assertEquals(expected, result.reason.moves)
         assertEquals(1, result.face)
+    }
+
+    @Test
+    fun `a refusal names the boxes that are likely, and that a third face helps`() {
+        val candidate = field(1, sides) + field(2, 0.5)
+        val faces = field(5, field(2, 1)) + field(5, field(2, 1))
+        val reject = field(4, field(1, "outline_unsure"))
+        val result = measureResult(field(1, 3) + reject + faces + field(9, candidate) + field(10, 1)) as MeasureResult.Rejected
+        assertTrue(result.thirdFaceHelps)
+        assertEquals(0.5, result.candidates.single().confidence, 0.0)
+        assertNull(result.face)
+        // Of three pictures one is refused, and the others do not fit together: none is to blame.
+        val three = measureResult(field(1, 3) + reject + faces + field(5, field(2, 3) + field(9, field(1, "no_box")))) as MeasureResult.Rejected
+        assertNull(three.face)
+        assertFalse(three.thirdFaceHelps)
     }
 
     @Test

@@ -33,7 +33,8 @@ internal object Native {
     /** Calibration, first and second frame. */
     @JvmStatic external fun openRecording(folder: String): LongArray
 
-    @JvmStatic external fun measureBox(calibration: Long, frameA: ByteBuffer, frameB: ByteBuffer, stop: Long): ByteArray
+    /** From two frames, or three. */
+    @JvmStatic external fun measureBox(calibration: Long, frameA: ByteBuffer, frameB: ByteBuffer, frameC: ByteBuffer?, stop: Long): ByteArray
 
     @JvmStatic external fun viewFrame(calibration: Long, frame: ByteBuffer, stop: Long): ByteArray
 
@@ -65,7 +66,7 @@ internal object Native {
 
     @JvmStatic external fun viewCaptured(calibration: Long, frame: Long, stop: Long): ByteArray
 
-    @JvmStatic external fun measureFrames(calibration: Long, frameA: Long, frameB: Long, stop: Long): ByteArray
+    @JvmStatic external fun measureFrames(calibration: Long, frames: LongArray, stop: Long): ByteArray
 
     @JvmStatic external fun showPreview(head: Long, surface: Any?): Boolean
 }

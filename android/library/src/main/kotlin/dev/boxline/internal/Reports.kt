@@ -1,6 +1,7 @@
 package dev.boxline.internal
 
 import dev.boxline.BoxSize
+import dev.boxline.Candidate
 import dev.boxline.CubicMetres
 import dev.boxline.FaceView
 import dev.boxline.Length
@@ -33,9 +34,16 @@ internal fun measureResult(bytes: ByteArray): MeasureResult {
             MeasureResult.Ambiguous(size(first), size(second), report.doubleOrNull(8), warnings, record)
         }
         else -> {
-            // The report's own reason is that of the first face that is refused.
-            val refused = faces.indexOfFirst { it.number(2) == REJECTED }.takeIf { it >= 0 }
-            MeasureResult.Rejected(reason(report.part(4), refused?.let { faces[it].message(13) }), refused, record)
+            // With fewer than two good faces the report's own reason is that of the first face that is refused.
+            val good = faces.count { it.number(2) == MEASURED }
+            val refused = faces.indexOfFirst { it.number(2) == REJECTED }.takeIf { good < 2 && it >= 0 }
+            MeasureResult.Rejected(
+                reason = reason(report.part(4), refused?.let { faces[it].message(13) }),
+                face = refused,
+                candidates = report.messages(9).map { Candidate(size(it.part(1)), it.double(2)) },
+                thirdFaceHelps = report.number(10) != 0L,
+                record = record,
+            )
         }
     }
 }

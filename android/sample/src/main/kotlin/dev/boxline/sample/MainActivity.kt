@@ -105,7 +105,11 @@ public class MainActivity : Activity() {
         round = scope.launch {
             meter.dropCaptured()
             meter.startLive(autoCapture = true)
-            val result = meter.measureLive()
+            var result = meter.measureLive()
+            if (result is MeasureResult.Rejected && result.thirdFaceHelps) {
+                view<TextView>(R.id.result).text = words.of(result)
+                result = meter.measureLive()
+            }
             meter.stopLive()
             show(result)
         }

@@ -38,7 +38,10 @@ internal class Words(private val resources: Resources) {
     fun of(result: MeasureResult): String = when (result) {
         is MeasureResult.Measured -> of(result.size, result.warnings)
         is MeasureResult.Ambiguous -> resources.getString(R.string.choose)
-        is MeasureResult.Rejected -> refused(result.face) + "\n" + of(result.reason)
+        is MeasureResult.Rejected -> {
+            val third = if (result.thirdFaceHelps) "\n→ " + resources.getString(R.string.third_face) else ""
+            refused(result.face) + "\n" + of(result.reason) + third
+        }
         is MeasureResult.DeviceUnavailable -> of(result.cause, result.message)
     }
 

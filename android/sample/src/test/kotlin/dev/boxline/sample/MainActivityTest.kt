@@ -131,9 +131,15 @@ class MainActivityTest {
     @Test
     @Config(qualifiers = "+zh-rCN", fontScale = 1.6f)
     fun `a refusal says what to do, in Chinese, in large letters`() = screen("refused-zh-large") {
-        it.show(MeasureResult.Rejected(cut, 1, record))
+        it.show(MeasureResult.Rejected(cut, 1, emptyList(), false, record))
         assertTrue(it.text(R.id.result), it.text(R.id.result).startsWith("第 2 面无法测量\n请后退"))
         assertTrue(it.text(R.id.result), it.text(R.id.result).contains("请远离 23 厘米"))
+    }
+
+    @Test
+    fun `a refusal that a third face may settle says so`() = screen("third-face") {
+        it.show(MeasureResult.Rejected(Reason("outline_unsure", emptyMap(), "", emptyList(), ""), null, emptyList(), true, record))
+        assertTrue(it.text(R.id.result), it.text(R.id.result).endsWith("\n→ Take a third face too"))
     }
 
     @Test
