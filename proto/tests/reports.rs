@@ -6,7 +6,7 @@ use boxline::frames::{Plane, Point};
 use boxline::measurement::FaceMeasurement;
 use boxline::{
     AngleEstimate, BoxMeasurement, BoxReport, Candidate, DepthSeen, ErrorKind, Estimate, FaceOutcome, Hint,
-    LaserId, Outcome, Px, Reject, SurfacePoint, Volume, Warning, WarningKind,
+    LaserId, Outcome, Px, Reject, Straightness, SurfacePoint, Volume, Warning, WarningKind,
 };
 use boxline_proto::json::{face_json, parse_calibration, parse_recording, report_json};
 use boxline_proto::message::{
@@ -35,6 +35,9 @@ fn face() -> FaceMeasurement {
         ),
         warnings: WarningKind::ALL.map(warning).to_vec(),
         surface: vec![SurfacePoint { at_mm: [-20.0, 30.5], height: Estimate::new(1.25, 0.125) }],
+        straightness: [0.5, -0.25, 0.0, 1.0]
+            .map(|mm| Straightness { sagitta: Estimate::new(mm, 0.125), rms_mm: 0.75 }),
+        enclosing: [Estimate::new(551.5, 0.5), Estimate::new(300.5, 0.25)],
         confidence: Some(0.9375),
     }
 }
@@ -113,6 +116,8 @@ fn a_measured_box_as_json() {
         "plane": {"normal": [0.0, 0.0, 1.0], "distance_mm": 1000.0}, "rms_px": 0.4, "reject": null,
         "corner_angles_rad": corner_angles,
         "warnings": warning_entries, "surface_mm": [[-20.0, 30.5, 1.25, 0.125]],
+        "straightness_mm": [0.5, -0.25, 0.0, 1.0].map(|mm| json!({"sagitta": mm, "sigma": 0.125, "rms": 0.75})),
+        "enclosing_mm": {"length": estimate(551.5, 0.5), "width": estimate(300.5, 0.25)},
         "hint": null, "confidence": 0.9375,
     });
     let reject = json!({"reason": "rectangle_open", "sides_found": 3.0,
@@ -121,6 +126,7 @@ fn a_measured_box_as_json() {
         "frame": "b", "outcome": "rejected", "length_mm": null, "width_mm": null, "corners_px": null,
         "key_points_px": null, "plane": null, "rms_px": null, "reject": reject,
         "corner_angles_rad": null, "warnings": [], "surface_mm": [],
+        "straightness_mm": [], "enclosing_mm": null,
         "hint": {"text": "roll the head by 11 degrees clockwise, go 20 cm closer", "moves": [
             {"move": "roll", "clockwise_rad": 0.2}, {"move": "closer", "by_mm": 200.0}]},
         "confidence": null,

@@ -6,7 +6,7 @@
 use boxline::feasibility::Move;
 use boxline::measurement::FaceMeasurement;
 use boxline::{
-    BoxMeasurement, BoxReport, Candidate, Estimate, FaceOutcome, Hint, Outcome, Px, Reject, SurfacePoint,
+    BoxMeasurement, BoxReport, Candidate, Estimate, FaceOutcome, Hint, Outcome, Px, Reject, Straightness, SurfacePoint,
     Volume, Warning,
 };
 use serde_json::{Map, Value, json};
@@ -23,6 +23,8 @@ use serde_json::{Map, Value, json};
 ///             "plane": {"normal": [x, y, z], "distance_mm": 0}, "rms_px": 0,
 ///             "corner_angles_rad": [{"value": 0, "sigma": 0}, "4 of them, or null"], "warnings": [..], "reject": {..},
 ///             "surface_mm": [[along_length, along_width, height, sigma], "one a piece of a stripe"], "confidence": 0.97,
+///             "straightness_mm": [{"sagitta": 0, "sigma": 0, "rms": 0}, "4 of them: corner 0-1, 1-2, 2-3, 3-0"],
+///             "enclosing_mm": {"length": {..}, "width": {..}},
 ///             "hint": {"text": "go 20 cm closer", "moves": [{"move": "closer", "by_mm": 200}]}}],
 ///  "settled": {"depth_mm": {..}, "log_odds": 0, "stripes": 0},
 ///  "confidence": 0.93, "third_face_helps": false,
@@ -33,7 +35,8 @@ use serde_json::{Map, Value, json};
 /// faces told an A x A x B box from A x B x B. `confidence` is the probability that the result is right, `null` without a network;
 /// `likeliest` the likeliest boxes of a refused one; `third_face_helps` that two frames leave open what a third may settle. The plane's unit normal points away from the camera (frame: camera). `surface_mm`
 /// is how far the surface lies from the plane, towards the camera, at a position from the face's middle. The hint is `null` if the view
-/// was not refused or moving does not help.
+/// was not refused or moving does not help. `enclosing_mm` is the smallest rectangle of the face's direction that encloses it, edges
+/// that bow (`sagitta`, positive outwards) and wave included.
 #[must_use]
 pub fn report_json(report: &BoxReport, hints: &[Option<Hint>], frame_ids: &[&str]) -> Value {
     let (name, sides, candidates, reject) = match &report.outcome {
@@ -113,9 +116,15 @@ fn face_entry(face: &FaceOutcome, hint: Option<&Hint>, frame_id: &str) -> Value 
         "warnings": face.map_or_else(Vec::new, |f| f.warnings.iter().map(warning_entry).collect()),
         "reject": reject.map(reject_entry),
         "surface_mm": face.map_or_else(Vec::new, |f| f.surface.iter().map(surface_point).collect()),
+        "straightness_mm": face.map_or_else(Vec::new, |f| f.straightness.iter().map(straightness_entry).collect()),
+        "enclosing_mm": face.map(|f| json!({"length": estimate(f.enclosing[0]), "width": estimate(f.enclosing[1])})),
         "hint": hint.map(hint_entry),
         "confidence": face.and_then(|f| f.confidence),
     })
+}
+
+fn straightness_entry(side: &Straightness) -> Value {
+    json!({"sagitta": side.sagitta.value_mm, "sigma": side.sagitta.sigma_mm, "rms": side.rms_mm})
 }
 
 fn surface_point(point: &SurfacePoint) -> [f64; 4] {

@@ -8,7 +8,7 @@ use boxline::frames::{Plane, Point};
 use boxline::measurement::FaceMeasurement;
 use boxline::{
     AngleEstimate, BoxMeasurement, BoxReport, Calibration, CameraModel, Candidate, DepthSeen, Error,
-    ErrorKind, Estimate, FaceOutcome, Hint, LaserId, Outcome, Px, Reject, SurfacePoint, Volume, Warning,
+    ErrorKind, Estimate, FaceOutcome, Hint, LaserId, Outcome, Px, Reject, Straightness, SurfacePoint, Volume, Warning,
     WarningKind,
 };
 use nalgebra::Vector3;
@@ -87,6 +87,20 @@ fn depth_seen(message: v1::DepthSeen) -> Result<DepthSeen, Error> {
     })
 }
 
+/// Four sides, or none in a message of an older program.
+fn straightness(messages: Vec<v1::Straightness>) -> Result<[Straightness; 4], Error> {
+    if messages.is_empty() {
+        return Ok(Default::default());
+    }
+    let mut sides = [Straightness::default(); 4];
+    for (side, message) in sides.iter_mut().zip(exactly::<_, 4>(messages, "straightness")?) {
+        let number = |value| finite(value, "straightness");
+        let sagitta = Estimate::new(number(message.sagitta_mm)?, number(message.sagitta_sigma_mm)?);
+        *side = Straightness { sagitta, rms_mm: number(message.rms_mm)? };
+    }
+    Ok(sides)
+}
+
 fn surface_point(message: v1::SurfacePoint) -> Result<SurfacePoint, Error> {
     let number = |value| finite(value, "surface");
     let at_mm = [number(message.along_length_mm)?, number(message.along_width_mm)?];
@@ -114,9 +128,13 @@ fn face(message: v1::Face) -> Result<(FaceOutcome, Option<Hint>, String), Error>
             }
             let plane = required(message.plane, "plane")?;
             let [x, y, z] = [plane.x_per_mm, plane.y_per_mm, plane.z_per_mm].map(|x| finite(x, "plane"));
+            let sides = [length(message.length, "length")?, length(message.width, "width")?];
+            let enclosing = |message: Option<v1::Length>, name: &str, side: Estimate| {
+                message.map_or(Ok(side), |message| length(Some(message), name))
+            };
             FaceOutcome::Measured(Box::new(FaceMeasurement {
-                length: length(message.length, "length")?,
-                width: length(message.width, "width")?,
+                length: sides[0],
+                width: sides[1],
                 plane: Plane::new(Vector3::new(x?, y?, z?)),
                 corners_px,
                 corners: corners_in_cam,
@@ -128,6 +146,11 @@ fn face(message: v1::Face) -> Result<(FaceOutcome, Option<Hint>, String), Error>
                 corner_angles: corner_angles(message.corner_angles)?,
                 warnings: message.warnings.into_iter().map(warning).collect::<Result<_, _>>()?,
                 surface: message.surface.into_iter().map(surface_point).collect::<Result<_, _>>()?,
+                straightness: straightness(message.straightness)?,
+                enclosing: [
+                    enclosing(message.enclosing_length, "enclosing_length", sides[0])?,
+                    enclosing(message.enclosing_width, "enclosing_width", sides[1])?,
+                ],
                 confidence: message.confidence.map(|value| finite(value, "confidence")).transpose()?,
             }))
         }

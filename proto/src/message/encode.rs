@@ -6,7 +6,7 @@ use boxline::feasibility::Move;
 use boxline::measurement::FaceMeasurement;
 use boxline::{
     AngleEstimate, BoxMeasurement, BoxReport, Calibration, Error, Estimate, FaceOutcome, Hint, LaserId,
-    Outcome, Px, Reject, SurfacePoint, Warning,
+    Outcome, Px, Reject, Straightness, SurfacePoint, Warning,
 };
 
 pub(super) fn report(report: &BoxReport, hints: &[Option<Hint>], frame_ids: &[&str]) -> v1::BoxReport {
@@ -60,11 +60,22 @@ pub(super) fn face(outcome: &FaceOutcome, hint: Option<&Hint>, frame_id: &str) -
             surface: face.surface.iter().map(surface_point).collect(),
             hint,
             confidence: face.confidence,
+            straightness: face.straightness.iter().map(straightness).collect(),
+            enclosing_length: Some(length(face.enclosing[0])),
+            enclosing_width: Some(length(face.enclosing[1])),
         },
         FaceOutcome::Rejected(why) => {
             let outcome = v1::Outcome::Rejected.into();
             v1::Face { frame, outcome, reject: Some(reject(why)), hint, ..v1::Face::default() }
         }
+    }
+}
+
+fn straightness(side: &Straightness) -> v1::Straightness {
+    v1::Straightness {
+        sagitta_mm: side.sagitta.value_mm,
+        sagitta_sigma_mm: side.sagitta.sigma_mm,
+        rms_mm: side.rms_mm,
     }
 }
 

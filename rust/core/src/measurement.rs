@@ -158,8 +158,21 @@ pub struct FaceMeasurement {
     pub warnings: Vec<Warning>,
     /// How far the surface lies from the fitted plane, along each stripe: a curvature map. Empty where it is not known.
     pub surface: Vec<SurfacePoint>,
+    /// How straight each side is (0: corner 0-1, 1: 1-2, 2: 2-3, 3: 3-0). Sigmas allow for it.
+    pub straightness: [Straightness; 4],
+    /// Length and width of the smallest rectangle of this direction that encloses the face: what a tunnel on a belt reads.
+    pub enclosing: [Estimate; 2],
     /// Probability that both sides are within 5 mm ([`crate::confidence`]), as this frame alone tells; `None` without a network.
     pub confidence: Option<f64>,
+}
+
+/// How far a side of a face departs from a straight line; zero where it was not seen well enough to tell.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Straightness {
+    /// Its middle against its ends, positive outwards.
+    pub sagitta: Estimate,
+    /// Root mean square of all it departs beyond noise, bow and waves together, mm.
+    pub rms_mm: f64,
 }
 
 /// A piece of a stripe on a face against the fitted plane.
@@ -265,6 +278,8 @@ impl FaceMeasurement {
             corner_angles: None,
             warnings: Vec::new(),
             surface: Vec::new(),
+            straightness: Default::default(),
+            enclosing: [Estimate::new(length_mm, 0.4), Estimate::new(width_mm, 0.4)],
             confidence: None,
         }
     }

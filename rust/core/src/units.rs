@@ -30,7 +30,7 @@ impl Px {
 }
 
 /// A length in mm with its standard deviation (1 sigma: observation and calibration together).
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Estimate {
     /// Best value, mm.
     pub value_mm: f64,

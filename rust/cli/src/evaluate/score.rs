@@ -356,6 +356,8 @@ mod tests {
             corner_angles: None,
             warnings: Vec::new(),
             surface: Vec::new(),
+            straightness: Default::default(),
+            enclosing: [Estimate::default(); 2],
             confidence: None,
         }
     }

@@ -13,6 +13,7 @@ pub(crate) mod rivals;
 pub(crate) mod rounding;
 mod self_check;
 pub(crate) mod sharp_edge;
+mod straightness;
 pub(crate) mod stripe_ends;
 mod surface;
 mod uncertainty;
@@ -38,6 +39,8 @@ const MIN_EDGE_POINTS: usize = 8;
 /// Residuals above these are not noise: stripes scatter by 0.2 to 0.5 px, edges by 0.3 to 1 px.
 const MAX_STRIPE_RMS_PX: f64 = 1.5;
 const MAX_EDGE_RMS_PX: f64 = 1.5;
+/// ... but edges of real boxes bow and wave by up to 4 mm, the rms of which is half of that; sigma takes it in.
+const MAX_EDGE_RMS_MM: f64 = 2.0;
 
 /// What became of a rough rectangle.
 pub(crate) enum Measured {
@@ -80,7 +83,7 @@ pub(crate) fn measure(
     let observed = Observed { calibration, stripes: &stripes, edges };
     let fitted = observed.fit(&face.fit.plane, rough, settings).ok_or_else(open)?;
     let fit = &fitted.fit;
-    let limit_px = edge_limit_px(edges);
+    let limit_px = edge_limit_px(edges).max(MAX_EDGE_RMS_MM / rough.mm_per_px);
     if fit.edge_rms_px > limit_px {
         return Err(Reject::NotARectangle { rms_px: fit.edge_rms_px, limit_px });
     }
@@ -174,7 +177,11 @@ impl Observed<'_> {
     pub fn by_fit(&self, fitted: Fitted, corrections: &[Correction; 4]) -> Option<FaceMeasurement> {
         let key_points_px = key_points::on_sides(self.calibration, &fitted.fit)?;
         let Fitted { mut fit, causes, checks, corner_angles } = fitted;
+        let straight = straightness::of_sides(&fit);
         let mut uncertainty = uncertainty::of_sides(&fit, &causes, corrections);
+        for (side, straight) in straight.iter().enumerate() {
+            uncertainty.own_mm2[(side / 2, side / 2)] += straight.told.rms_mm.powi(2);
+        }
         for ((offset, correction), (_, high)) in fit.offsets_mm.iter_mut().zip(corrections).zip(SIDES) {
             *offset += if high { correction.outwards_mm } else { -correction.outwards_mm };
         }
@@ -183,7 +190,7 @@ impl Observed<'_> {
         let (_, distance_mm) = fit.raster.plane.normal_and_distance_mm();
         let bulge = nalgebra::Vector2::from(values_mm) * (checks.off_plane_mm / distance_mm);
         uncertainty.own_mm2 += bulge * bulge.transpose();
-        let sides = Sides { values_mm, uncertainty, corner_angles };
+        let sides = Sides { values_mm, uncertainty, corner_angles, straight };
         assemble(self, &fit, sides, key_points_px, checks.warnings)
     }
 
@@ -201,7 +208,9 @@ impl Observed<'_> {
             uncertainty.own_mm2[(i, i)] += outwards_mm.powi(2) + points.variances_mm2[i];
         }
         let key_points_px = key_points::on_sides(self.calibration, fit)?;
-        let sides = Sides { values_mm: points.sides_mm, uncertainty, corner_angles: *corner_angles };
+        let straight = straightness::of_sides(fit);
+        let sides =
+            Sides { values_mm: points.sides_mm, uncertainty, corner_angles: *corner_angles, straight };
         assemble(self, fit, sides, key_points_px, checks.warnings.clone())
     }
 }
@@ -286,6 +295,7 @@ struct Sides {
     values_mm: [f64; 2],
     uncertainty: SideUncertainty,
     corner_angles: Option<[AngleEstimate; 4]>,
+    straight: [straightness::Side; 4],
 }
 
 fn assemble(
@@ -295,15 +305,18 @@ fn assemble(
     key_points_px: [[Px; 2]; 4],
     warnings: Vec<Warning>,
 ) -> Option<FaceMeasurement> {
-    let Sides { values_mm, mut uncertainty, mut corner_angles } = sides;
+    let Sides { values_mm, mut uncertainty, mut corner_angles, straight } = sides;
     let calibration = observed.calibration;
     let round = [fit.corner(0, 2), fit.corner(1, 2), fit.corner(1, 3), fit.corner(0, 3)];
     // Sides going round from corner 0: low b, high a, high b, low a.
     let mut order = [0, 1, 2, 3];
     let mut going_round = [2, 1, 3, 0];
     let mut values_mm = values_mm;
+    // Of both sides that a length lies between.
+    let mut beyond = [0, 2].map(|side| [straight[side].outermost, straight[side + 1].outermost]);
     if values_mm[0] < values_mm[1] {
         values_mm.swap(0, 1);
+        beyond.swap(0, 1);
         let swap = Matrix2::new(0.0, 1.0, 1.0, 0.0);
         uncertainty.own_mm2 = swap * uncertainty.own_mm2 * swap;
         uncertainty.shared_mm = swap * uncertainty.shared_mm;
@@ -324,6 +337,11 @@ fn assemble(
     };
     let variances = uncertainty.covariance_mm2().diagonal();
     let estimate = |i: usize| Estimate::new(values_mm[i], variances[i].max(0.0).sqrt());
+    let enclosing = |i: usize| {
+        let [low, high] = beyond[i];
+        let variance = variances[i].max(0.0) + low.sigma_mm.powi(2) + high.sigma_mm.powi(2);
+        Estimate::new(values_mm[i] + low.value_mm + high.value_mm, variance.sqrt())
+    };
     Some(FaceMeasurement {
         length: estimate(0),
         width: estimate(1),
@@ -340,6 +358,8 @@ fn assemble(
         warnings,
         surface: surface::surface(calibration, fit, &corners),
         confidence: None,
+        straightness: going_round.map(|side| straight[side].told),
+        enclosing: [enclosing(0), enclosing(1)],
     })
 }
 
