@@ -6,8 +6,8 @@
 use boxline::feasibility::Move;
 use boxline::measurement::FaceMeasurement;
 use boxline::{
-    BoxMeasurement, BoxReport, Candidate, Estimate, FaceOutcome, Hint, Outcome, Px, Reject, Straightness, SurfacePoint,
-    Volume, Warning,
+    BoxMeasurement, BoxReport, Candidate, Estimate, FaceOutcome, Hint, Outcome, Px, Reject, Straightness,
+    SurfacePoint, Volume, Warning,
 };
 use serde_json::{Map, Value, json};
 

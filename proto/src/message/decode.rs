@@ -8,8 +8,8 @@ use boxline::frames::{Plane, Point};
 use boxline::measurement::FaceMeasurement;
 use boxline::{
     AngleEstimate, BoxMeasurement, BoxReport, Calibration, CameraModel, Candidate, DepthSeen, Error,
-    ErrorKind, Estimate, FaceOutcome, Hint, LaserId, Outcome, Px, Reject, Straightness, SurfacePoint, Volume, Warning,
-    WarningKind,
+    ErrorKind, Estimate, FaceOutcome, Hint, LaserId, Outcome, Px, Reject, Straightness, SurfacePoint, Volume,
+    Warning, WarningKind,
 };
 use nalgebra::Vector3;
 use std::path::Path;

@@ -4,6 +4,7 @@
 //! covariance, in which a side that two faces show is one unknown. That is the joint fit of all frames: nothing else links
 //! them but the shared sides and the causes that all faces have in common ([`crate::measurement::SideUncertainty`]).
 
+use crate::confidence::RIGHT_MM;
 use crate::measurement::{BoxMeasurement, FaceMeasurement, Outcome};
 use crate::reject::Reject;
 use crate::units::{Estimate, Volume};
@@ -213,10 +214,11 @@ pub(crate) fn same_outcome(a: &Outcome, b: &Outcome) -> bool {
     }
 }
 
+/// Whether two boxes are one, so that either is right if the other is: a result is right within [`RIGHT_MM`], however large its sigmas.
 fn same_box(a: &BoxMeasurement, b: &BoxMeasurement) -> bool {
     let near = |x: Estimate, y: Estimate| {
-        (x.value_mm - y.value_mm).abs()
-            <= SAME_MM.max(SAME_SIGMAS * x.sigma_mm.hypot(y.sigma_mm)).max(SAME_SHARE * x.value_mm)
+        let by_sigmas = SAME_SIGMAS * x.sigma_mm.hypot(y.sigma_mm);
+        (x.value_mm - y.value_mm).abs() <= SAME_MM.max(by_sigmas.min(0.5 * RIGHT_MM))
     };
     near(a.length, b.length) && near(a.width, b.width) && near(a.height, b.height)
 }
@@ -254,6 +256,20 @@ mod tests {
         for (i, candidate) in c.iter().enumerate() {
             assert_eq!(assembled(&a, &b, Some(i)), Outcome::Measured(*candidate));
         }
+    }
+
+    /// Four lengths within their sigmas of each other, of a box of 106.7 x 100 x 100 mm: it is not known whether the long sides or
+    /// the short ones meet.
+    #[test]
+    fn nearly_a_cube_is_no_cube() {
+        let wide = |length: f64, width: f64| {
+            let uncertainty = SideUncertainty { own_mm2: Matrix2::identity() * 1.5, ..Default::default() };
+            FaceMeasurement { uncertainty, ..FaceMeasurement::made_up(length, width) }
+        };
+        let Outcome::Ambiguous([one, two]) = assembled(&wide(107.8, 101.2), &wide(106.4, 100.0), None) else {
+            panic!()
+        };
+        assert!((one.width.value_mm - two.width.value_mm).abs() > 4.0, "{one:?} {two:?}");
     }
 
     #[test]

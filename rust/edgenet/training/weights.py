@@ -20,6 +20,7 @@ import torch
 
 RIGHT_PX = 10.0  # a line within so many px of the true side, or inside it by the edge's radius, is the right one
 LEAST_SEEN = 1e-3  # as in line_evidence.rs
+MOST_ODDS = (150.0, 1e4)  # as in rivals.rs
 SAME_PX = 10.0  # lines that are taken together, as in rivals.rs
 
 
@@ -60,15 +61,17 @@ def fit(sides: dict, used: list[int]) -> torch.Tensor:
 
 
 def sure(sides: dict, w: torch.Tensor) -> torch.Tensor:
-    """SURE of rivals.rs: that a side's likeliest line is right, from the odds by all evidence, by the network of sides, and a pixel's size."""
+    """SURE of rivals.rs: that a side's likeliest line is right, from its odds by all but the network of sides and by that network, and a
+    pixel's size."""
     x, y = [], []
     for lines in sides.values():
         mm_per_px, radius_mm = lines[0]["mm_per_px"], lines[0]["radius_mm"]
         off_mm = np.array([l["off_px"] for l in lines]) * mm_per_px
-        p = torch.softmax(features(lines)[0] @ w, 0).numpy()
-        best = int(p.argmax())
+        told = features(lines)[0]
+        best = int((told @ w).argmax())
+        p = torch.softmax(told[:, 0], 0).numpy()
         near = np.abs(off_mm - off_mm[best]) <= SAME_PX * mm_per_px
-        odds = [float(np.clip(v / max(1 - v, 1e-12), 1e-4, 1e4)) for v in (p[near].sum(), lines[best]["seen"])]
+        odds = [float(np.clip(v / max(1 - v, 1e-12), 1 / most, most)) for v, most in zip((p[near].sum(), lines[best]["seen"]), MOST_ODDS)]
         x.append([1, *np.log(odds), np.log(mm_per_px)])
         y.append(float(-(RIGHT_PX * mm_per_px + radius_mm) <= off_mm[best] <= RIGHT_PX * mm_per_px))
     x, y = torch.tensor(np.array(x)), torch.tensor(y, dtype=torch.float64)

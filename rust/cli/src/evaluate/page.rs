@@ -6,7 +6,7 @@ use super::statistics::Share;
 use super::summary::{Confidence, Errors, Group, Summary, Wrong};
 
 /// Limits on the probability that are tabled.
-const LIMITS: [f64; 9] = [0.3, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99];
+const LIMITS: [f64; 11] = [0.3, 0.5, 0.7, 0.8, 0.85, 0.88, 0.9, 0.92, 0.94, 0.96, 0.98];
 /// "How many could be measured with so many wrong ones?"
 const AT_MOST_WRONG: [usize; 5] = [0, 1, 2, 5, 10];
 

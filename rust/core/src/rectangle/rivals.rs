@@ -20,19 +20,19 @@ pub(crate) struct Rival {
 
 /// Lines nearer than this are the same side, px: what lies between is decided where the edge is measured.
 const SAME_PX: f64 = 10.0;
-/// That the likeliest line of a side is right, as a logistic function: a constant, and the weights of the logarithms of the
-/// odds by all evidence, of those by the network of sides, and of a pixel's size on the face, mm. Each is too sure of itself where it
-/// errs, and lines so many px apart are farther apart on a far face; fitted to 2,168 sides of rendered boxes of the learning and the
-/// choosing seeds (`training/weights.py`).
-const SURE: [f64; 4] = [0.43, 0.49, 0.45, -0.61];
+/// That the likeliest line of a side is right, as a logistic function: a constant, and the weights of the logarithms of the odds that
+/// two judges give it who do not know each other, all evidence but the network of sides and that network, and of a pixel's size on the
+/// face, mm. Each is too sure of itself where it errs, and lines so many px apart are farther apart on a far face; fitted to 2,168 sides
+/// of rendered boxes of the learning and the choosing seeds (`training/weights.py`).
+const SURE: [f64; 4] = [-0.17, 0.53, 0.80, -0.97];
 /// Lines that are no farther from one pull at it where it is measured, px and mm; this share of their scatter is in
 /// its sigma. Chosen on 278 boxes of the learning and choosing seeds: the mean (error/sigma)^2 of right sides up to 400 mm is 0.5 to 0.6
 /// with 0.6, and 0.6 to 0.9 with this.
 const BESIDE_PX: f64 = 15.0;
 const BESIDE_MM: f64 = 8.0;
 const SPREAD: f64 = 0.35;
-/// Odds count up to this: no evidence is better than its training.
-const MOST_ODDS: f64 = 1e4;
+/// Odds of both count up to these: of sides that the first calls surer than that, one in some hundred is wrong all the same.
+const MOST_ODDS: [f64; 2] = [150.0, 1e4];
 /// Outlines that are kept, and the least probability of one.
 const MOST: usize = 10;
 const LEAST: f64 = 0.01;
@@ -88,8 +88,12 @@ pub(crate) fn rivals(
 fn choices(mut lines: Vec<Line>, own_mm: f64, mm_per_px: f64) -> Vec<Choice> {
     let (same_mm, beside_mm) = (SAME_PX * mm_per_px, (BESIDE_PX * mm_per_px).min(BESIDE_MM));
     let weight = softmax(&lines, Line::log_weight);
+    let told = softmax(&lines, |line| line.told);
     lines.sort_by(|a, b| b.log_weight().total_cmp(&a.log_weight()));
-    let seen = lines.first().and_then(|best| best.seen);
+    let both = lines.first().and_then(|best| {
+        let near = lines.iter().filter(|l| (l.offset_mm - best.offset_mm).abs() <= same_mm);
+        Some([near.map(told).sum(), best.seen?])
+    });
     let all = lines.clone();
     let mut found = Vec::new();
     while let Some(best) = lines.first().copied() {
@@ -104,8 +108,8 @@ fn choices(mut lines: Vec<Line>, own_mm: f64, mm_per_px: f64) -> Vec<Choice> {
             spread_mm,
         });
     }
-    if let (Some(seen), Some(best)) = (seen, found.first().map(|c| c.probability)) {
-        let sure = surely(best, seen, mm_per_px);
+    if let (Some(both), Some(best)) = (both, found.first().map(|c| c.probability)) {
+        let sure = surely(both, mm_per_px);
         let others = if best < 1.0 { ((1.0 - sure) / (1.0 - best)).min(1.0) } else { 1.0 };
         found.iter_mut().skip(1).for_each(|choice| choice.probability *= others);
         found[0].probability = sure;
@@ -130,11 +134,12 @@ fn softmax<F: Fn(&Line) -> f64>(lines: &[Line], log_weight: F) -> impl Fn(&Line)
     move |line| (log_weight(line) - most).exp() / total
 }
 
-/// See [`SURE`].
-fn surely(all: f64, seen: f64, mm_per_px: f64) -> f64 {
-    let odds = |p: f64| (p.max(0.0) / (1.0 - p).max(0.0)).clamp(1.0 / MOST_ODDS, MOST_ODDS).ln();
-    let [constant, by_all, by_sides, by_size] = SURE;
-    let logit = constant + by_all * odds(all) + by_sides * odds(seen) + by_size * mm_per_px.ln();
+/// See [`SURE`]; what the two judges say.
+fn surely([told, seen]: [f64; 2], mm_per_px: f64) -> f64 {
+    let odds = |p: f64, most: f64| (p.max(0.0) / (1.0 - p).max(0.0)).clamp(1.0 / most, most).ln();
+    let [constant, by_told, by_seen, by_size] = SURE;
+    let judged = by_told * odds(told, MOST_ODDS[0]) + by_seen * odds(seen, MOST_ODDS[1]);
+    let logit = constant + judged + by_size * mm_per_px.ln();
     1.0 / (1.0 + (-logit).exp())
 }
 

@@ -73,8 +73,7 @@ fn of_pieces(pieces: &[Piece]) -> Option<Side> {
     let noise = mean_square(&|p| p.outwards.sigma_mm);
     let rms_mm = (mean_square(&|p| p.outwards.value_mm) - noise).max(0.0).sqrt();
     let outermost = pieces.iter().map(|p| p.outwards).max_by(|p, q| p.value_mm.total_cmp(&q.value_mm))?;
-    let outermost =
-        if outermost.value_mm > 0.0 { outermost } else { Estimate::new(0.0, outermost.sigma_mm) };
+    let outermost = if outermost.value_mm > 0.0 { outermost } else { Estimate::new(0.0, outermost.sigma_mm) };
     Some(Side { told: Straightness { sagitta: Estimate::new(found[2], sigma), rms_mm }, outermost })
 }
 
