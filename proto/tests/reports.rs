@@ -104,6 +104,7 @@ fn estimate(value: f64, sigma: f64) -> Value {
 fn a_measured_box_as_json() {
     let warning_entries = WarningKind::ALL.map(warning_entry);
     let between = warning_entry(WarningKind::SidesDiffer);
+    let straightness = [0.5, -0.25, 0.0, 1.0].map(|mm| json!({"sagitta": mm, "sigma": 0.125, "rms": 0.75}));
     let corner_angles = [1.57, 1.58, 1.56, 1.572].map(|value| json!({"value": value, "sigma": 1e-3}));
     let entry = json!({
         "frame": "a", "outcome": "measured",
@@ -116,7 +117,7 @@ fn a_measured_box_as_json() {
         "plane": {"normal": [0.0, 0.0, 1.0], "distance_mm": 1000.0}, "rms_px": 0.4, "reject": null,
         "corner_angles_rad": corner_angles,
         "warnings": warning_entries, "surface_mm": [[-20.0, 30.5, 1.25, 0.125]],
-        "straightness_mm": [0.5, -0.25, 0.0, 1.0].map(|mm| json!({"sagitta": mm, "sigma": 0.125, "rms": 0.75})),
+        "straightness_mm": straightness,
         "enclosing_mm": {"length": estimate(551.5, 0.5), "width": estimate(300.5, 0.25)},
         "hint": null, "confidence": 0.9375,
     });

@@ -248,7 +248,8 @@ fn evidence<'a>(ridges: &'a [RidgeMap; 2], maps: Option<&FaceMaps>) -> [Evidence
     })
 }
 
-/// The first of the planes that can be measured surely; else the first that may be; else why the strongest cannot, if there is one.
+/// The strongest of the planes on which a face can be measured, however unsure it is: who tries until one is sure finds one that is wrong.
+/// Else why the strongest cannot, if there is one.
 fn measure_on_planes(
     task: &Task,
     planes: &[GridHypothesis],
@@ -257,27 +258,20 @@ fn measure_on_planes(
 ) -> Result<Seen, Option<Reject>> {
     let mut refusal: Option<(f32, Reject)> = None;
     let mut pose = None;
-    let mut unsure: Option<Seen> = None;
     for hypothesis in planes.iter().take_while(|_| !unwanted(task.settings)) {
         clock.seen = None;
         match measure_on_plane(task, hypothesis, sight, clock) {
-            Ok(seen) if seen.face().is_ok() => return Ok(seen),
-            Ok(seen) => {
-                if unsure.is_none() {
-                    unsure = Some(seen);
-                    pose = clock.seen;
-                }
-            }
+            Ok(seen) => return Ok(seen),
             Err(reject) => {
                 if refusal.as_ref().is_none_or(|(total, _)| hypothesis.total() > *total) {
                     refusal = Some((hypothesis.total(), reject));
-                    pose = if unsure.is_some() { pose } else { clock.seen };
+                    pose = clock.seen;
                 }
             }
         }
     }
     clock.seen = pose;
-    unsure.ok_or_else(|| refusal.map(|(_, reject)| reject))
+    Err(refusal.map(|(_, reject)| reject))
 }
 
 fn measure_on_plane(

@@ -25,6 +25,8 @@ const SAME_PX: f64 = 10.0;
 /// face, mm. Each is too sure of itself where it errs, and lines so many px apart are farther apart on a far face; fitted to 2,168 sides
 /// of rendered boxes of the learning and the choosing seeds (`training/weights.py`).
 const SURE: [f64; 4] = [-0.17, 0.53, 0.80, -0.97];
+/// ... but no more than this where the two favour different lines of a side: of 41 such sides 10 are wrong, however sure either is.
+const DISAGREE: f64 = 0.76;
 /// Lines that are no farther from one pull at it where it is measured, px and mm; this share of their scatter is in
 /// its sigma. Chosen on 278 boxes of the learning and choosing seeds: the mean (error/sigma)^2 of right sides up to 400 mm is 0.5 to 0.6
 /// with 0.6, and 0.6 to 0.9 with this.
@@ -91,8 +93,10 @@ fn choices(mut lines: Vec<Line>, own_mm: f64, mm_per_px: f64) -> Vec<Choice> {
     let told = softmax(&lines, |line| line.told);
     lines.sort_by(|a, b| b.log_weight().total_cmp(&a.log_weight()));
     let both = lines.first().and_then(|best| {
-        let near = lines.iter().filter(|l| (l.offset_mm - best.offset_mm).abs() <= same_mm);
-        Some([near.map(told).sum(), best.seen?])
+        let near = |line: &&Line| (line.offset_mm - best.offset_mm).abs() <= same_mm;
+        let favourite = lines.iter().max_by(|a, b| a.told.total_cmp(&b.told))?;
+        let sum = lines.iter().filter(near).map(told).sum();
+        Some(([sum, best.seen?], near(&favourite)))
     });
     let all = lines.clone();
     let mut found = Vec::new();
@@ -109,7 +113,8 @@ fn choices(mut lines: Vec<Line>, own_mm: f64, mm_per_px: f64) -> Vec<Choice> {
         });
     }
     if let (Some(both), Some(best)) = (both, found.first().map(|c| c.probability)) {
-        let sure = surely(both, mm_per_px);
+        let (judges, agree) = both;
+        let sure = surely(judges, mm_per_px).min(if agree { 1.0 } else { DISAGREE });
         let others = if best < 1.0 { ((1.0 - sure) / (1.0 - best)).min(1.0) } else { 1.0 };
         found.iter_mut().skip(1).for_each(|choice| choice.probability *= others);
         found[0].probability = sure;
@@ -156,6 +161,13 @@ mod tests {
         for found in [both, one] {
             assert!(found.iter().map(|c| c.probability).sum::<f64>() <= 1.0 + 1e-9, "{found:?}");
         }
+    }
+
+    #[test]
+    fn two_judges_who_favour_different_lines_are_not_sure() {
+        let line = |offset_mm, told, seen| Line { offset_mm, told, seen: Some(seen) };
+        let found = choices(vec![line(10.0, 5.0, 0.97), line(50.0, 5.5, 0.01)], 10.0, 0.2);
+        assert_eq!((found[0].offset_mm, found[0].probability), (10.0, DISAGREE), "{found:?}");
     }
 
     #[test]
