@@ -289,14 +289,16 @@ def train(options: argparse.Namespace, stop) -> None:
         averaged.load_state_dict(state["averaged"])
         optimiser.load_state_dict(state["optimiser"])
     rng = np.random.default_rng([options.seed, step])
+    begun = state.get("begun") if state else None
     if options.begin and not state:
+        begun = hashlib.sha256(options.begin.read_bytes()).hexdigest()
         begin_from(network, options.begin, batch_of(views, rng.integers(len(views), size=64), rng)[0])
         averaged.load_state_dict(network.state_dict())
         print(f"begun from {options.begin}: {json.dumps(scores(told_by(averaged, validation), validation))}", flush=True)
     steps = options.visits // options.batch
 
     def save() -> None:
-        told = {"step": step, "visits": step * options.batch, "views": len(views), "lr": options.lr, "batch": options.batch, "seed": options.seed}
+        told = {"step": step, "visits": step * options.batch, "views": len(views), "lr": options.lr, "batch": options.batch, "seed": options.seed, "begun": begun}
         checkpoint.save(options.run, step, told | {"network": network.state_dict(), "averaged": averaged.state_dict(), "optimiser": optimiser.state_dict()})
 
     saved = reported = time.monotonic()
@@ -367,6 +369,7 @@ def export(options: argparse.Namespace) -> None:
 
 - File: {path.name}, {len(content)} bytes, sha256 {hashlib.sha256(content).hexdigest()}
 - Data: {state["views"]} views, `boxline render --stream --views`; training: {state["visits"]} visits, batches of {state["batch"]}, peak learning rate {state["lr"]}, seed {state["seed"]} (`training/sides.py`)
+- Begun from: {f"the file with sha256 {state['begun']}" if state.get("begun") else "nothing"}
 - Largest difference between this file in ONNX Runtime and torch: {difference:.2g}
 - Licence: Apache-2.0, as the repository.
 - Not shown by these numbers: anything about real photographs.

@@ -135,7 +135,8 @@ fn report(args: &EvaluateArgs, parts: Vec<Summary>, broken: &[Broken]) -> anyhow
             std::fs::create_dir_all(&folder).with_context(|| format!("{}: cannot make", folder.display()))?;
             let stem = page.file_stem().unwrap_or_default().to_string_lossy().to_lowercase();
             let mut write = |kind: &str, svg: Result<String, String>| {
-                let name = format!("{stem}-{}-{}-{kind}.svg", index + 1, part.made.source);
+                let source = part.made.source.replace(" --", "-").replace(' ', "-");
+                let name = format!("{stem}-{}-{source}-{kind}.svg", index + 1);
                 let path = folder.join(&name);
                 written.push(path.display().to_string());
                 write_text(&path, &svg.map_err(anyhow::Error::msg)?)?;
@@ -237,10 +238,10 @@ impl Bench<'_> {
         };
         #[cfg(feature = "render")]
         if let Some(stock) = &self.stock {
-            made.source = value_name(args.kind);
-            if args.faces < 3 && matches!(args.kind, RenderKind::Three) {
-                made.source.push_str(&format!(" --faces {}", args.faces));
-            }
+            made.source = match (args.kind, args.faces) {
+                (RenderKind::Three, 2) => page::TWO_OF_THREE.to_owned(),
+                (kind, _) => value_name(kind),
+            };
             made.hazards = Some(args.hazards.to_string());
             let mut names = Sha256::new();
             stock.photos.all.iter().for_each(|photo| names.update(format!("{}\n", photo.name)));
