@@ -1,6 +1,7 @@
 """Training of the network of sides. Needs torch."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -77,3 +78,17 @@ def test_the_network_can_learn_a_few_faces(tmp_path):
     assert losses[-1] < 0.6 * losses[0], losses[::10]
     told = sides.scores(sides.told_by(network, views), views)
     assert told["faces"] == 2 and 0 <= told["sides right"] <= 1
+
+
+def test_a_network_begun_from_a_file_says_what_the_file_does():
+    onnxruntime = pytest.importorskip("onnxruntime")
+    pytest.importorskip("onnx")
+    path = Path(__file__).parents[2] / "models" / "sides.onnx"
+    pictures = torch.rand(4, sides.CHANNELS, sides.CELLS, sides.CELLS)
+    network = sides.SidesNet()
+    sides.begin_from(network, path, pictures)
+    network.eval()
+    with torch.no_grad():
+        begun = network(pictures[:1]).numpy()
+    due = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"]).run(None, {"view": pictures[:1].numpy()})[0]
+    assert np.abs(begun - due).max() < 1e-2
