@@ -60,7 +60,7 @@ pub fn report_json(report: &BoxReport, hints: &[Option<Hint>], frame_ids: &[&str
         })),
         "confidence": report.confidence,
         "likeliest": report.likeliest.iter().map(likely).collect::<Vec<_>>(),
-        "third_face_helps": report.third_face_helps,
+        "third_face_helps": report.third_face_helps(),
         "warnings": report.warnings.iter().map(warning_entry).collect::<Vec<_>>(),
     })
 }

@@ -64,9 +64,8 @@ pub(super) fn report(message: v1::BoxReport) -> Result<DecodedReport, Error> {
     let settled = message.settled.map(depth_seen).transpose()?;
     let confidence = message.confidence.map(|value| finite(value, "confidence")).transpose()?;
     let likeliest = message.likeliest.into_iter().map(candidate).collect::<Result<_, _>>()?;
-    let third_face_helps = message.third_face_helps;
     Ok(DecodedReport {
-        report: BoxReport { outcome, faces, warnings, settled, confidence, likeliest, third_face_helps },
+        report: BoxReport { outcome, faces, warnings, settled, confidence, likeliest },
         hints,
         frame_ids,
     })

@@ -37,7 +37,7 @@ pub(super) fn report(report: &BoxReport, hints: &[Option<Hint>], frame_ids: &[&s
         settled,
         confidence: report.confidence,
         likeliest: likeliest.collect(),
-        third_face_helps: report.third_face_helps,
+        third_face_helps: report.third_face_helps(),
     }
 }
 

@@ -39,7 +39,7 @@ pub fn of_box(report: &BoxReport, names: &[&str], hints: &[Option<Hint>]) -> Str
                     ),
                 );
             }
-            if report.third_face_helps {
+            if report.third_face_helps() {
                 push(&mut text, "A frame of a third face may settle it: give all three.");
             }
         }

@@ -232,8 +232,27 @@ pub struct BoxReport {
     pub confidence: Option<f64>,
     /// Of a refused box the two likeliest, fewer if the faces that the frames may show make fewer. None is likely enough to be a result.
     pub likeliest: Vec<Candidate>,
-    /// Two frames leave open what one of a third face may settle.
-    pub third_face_helps: bool,
+}
+
+impl BoxReport {
+    /// Whether two frames leave open what one of a third face may settle: each of their sides is seen once more in it.
+    #[must_use]
+    pub fn third_face_helps(&self) -> bool {
+        let doubtful =
+            |reject: &Reject| matches!(reject, Reject::OutlineUnsure { .. } | Reject::FaceHidden { .. });
+        let one_is_good = self.faces.iter().any(|face| match face {
+            FaceOutcome::Measured(_) => true,
+            FaceOutcome::Rejected(reject) => doubtful(reject),
+        });
+        let open = match &self.outcome {
+            Outcome::Measured(_) => false,
+            Outcome::Ambiguous(_) => true,
+            Outcome::Rejected(reject) => {
+                one_is_good && (doubtful(reject) || matches!(reject, Reject::SidesDisagree { .. }))
+            }
+        };
+        open && self.faces.len() == 2
+    }
 }
 
 /// A box that may be the right one.

@@ -620,9 +620,7 @@ pub fn measure_box_with_hints(
             let hints = faces.iter().zip(hints).map(unseen).collect();
             likeliest.clear();
             let confidence = Some(confidence);
-            let third_face_helps = frames.len() == 2 && matches!(outcome, Outcome::Ambiguous(_));
-            let report =
-                BoxReport { outcome, faces, warnings, settled, confidence, likeliest, third_face_helps };
+            let report = BoxReport { outcome, faces, warnings, settled, confidence, likeliest };
             return Ok((report, hints));
         }
         let overlaps = seen.iter().map(|seen| seen.as_ref().map_or(0.0, |seen| seen.overlap));
@@ -647,9 +645,7 @@ pub fn measure_box_with_hints(
         (_, Some(doubt)) => (Outcome::Rejected(doubt), Vec::new(), None),
         (_, None) => assemble(frames, &measured, calibration, settings),
     };
-    let third_face_helps = frames.len() == 2 && third_face_helps(&outcome, &faces);
-    let report =
-        BoxReport { outcome, faces, warnings, settled, confidence: None, likeliest, third_face_helps };
+    let report = BoxReport { outcome, faces, warnings, settled, confidence: None, likeliest };
     if asks_network(settings) || !matches!(report.outcome, Outcome::Rejected(Reject::SidesDisagree { .. })) {
         return Ok((report, hints));
     }
@@ -658,23 +654,6 @@ pub fn measure_box_with_hints(
         _ => report,
     };
     Ok((report, hints))
-}
-
-/// Whether a third face may settle what two leave open: each of their sides is seen once more in it.
-fn third_face_helps(outcome: &Outcome, faces: &[FaceOutcome]) -> bool {
-    let doubtful =
-        |reject: &Reject| matches!(reject, Reject::OutlineUnsure { .. } | Reject::FaceHidden { .. });
-    let one_is_good = faces.iter().any(|face| match face {
-        FaceOutcome::Measured(_) => true,
-        FaceOutcome::Rejected(reject) => doubtful(reject),
-    });
-    match outcome {
-        Outcome::Measured(_) => false,
-        Outcome::Ambiguous(_) => true,
-        Outcome::Rejected(reject) => {
-            one_is_good && (doubtful(reject) || matches!(reject, Reject::SidesDisagree { .. }))
-        }
-    }
 }
 
 /// What a frame shows; for a view that cannot be measured how to move.
@@ -764,7 +743,6 @@ fn with_alternatives(
                 settled,
                 confidence: None,
                 likeliest: Vec::new(),
-                third_face_helps: false,
             });
         }
     }

@@ -88,6 +88,27 @@ def sure(sides: dict, w: torch.Tensor) -> torch.Tensor:
     return weights.detach()
 
 
+def disagreeing(sides: dict, w: torch.Tensor) -> tuple[int, int]:
+    """DISAGREE of rivals.rs: sides where all but the network of sides favours another line than both together, and wrong ones of these."""
+    elsewhere = wrong = 0
+    for lines in sides.values():
+        x, right, off = features(lines)
+        best, favourite = int((x @ w).argmax()), int(x[:, 0].argmax())
+        if abs(off[favourite] - off[best]) > SAME_PX:
+            elsewhere += 1
+            wrong += not bool(right[best])
+    return elsewhere, wrong
+
+
+def called_hidden(sides: dict) -> dict:
+    """HIDDEN of pipeline.rs: the share of faces with a side that the network of sides calls hidden at least so surely."""
+    faces = defaultdict(float)
+    for (recording, frame, _), lines in sides.items():
+        faces[recording, frame] = max([faces[recording, frame]] + [line["hidden"] for line in lines])
+    told = np.array(list(faces.values()))
+    return {str(least): round(float((told >= least).mean()), 3) for least in (0.5, 0.6, 0.7, 0.8, 0.9)}
+
+
 def score(sides: dict, w: torch.Tensor) -> dict:
     losses, sides_right, faces = [], [], defaultdict(lambda: [1.0, True, 0])
     for (recording, frame, _), lines in sides.items():
@@ -122,6 +143,9 @@ def main() -> None:
         w = fit(learn, used)
         print(f"{name}: weights {[round(float(v), 3) for v in w]}; {json.dumps(score(choose, w))}")
     print(f"sure, both files: {[round(float(v), 3) for v in sure(learn | choose, w)]}")
+    elsewhere, wrong = disagreeing(learn | choose, w)
+    print(f"sides where the judges favour different lines: {elsewhere}, of these wrong: {wrong}")
+    print(f"sound faces with a side more surely hidden: {json.dumps(called_hidden(learn | choose))}")
 
 
 if __name__ == "__main__":

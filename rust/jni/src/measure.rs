@@ -25,8 +25,9 @@ pub(crate) fn faces(
     stop: Option<&AtomicBool>,
 ) -> Result<Vec<u8>, Failure> {
     const NAMES: [&str; 3] = ["frameA", "frameB", "frameC"];
+    let name = |i: usize| NAMES.get(i).copied().unwrap_or("a frame too many");
     let frames: Vec<Frame> =
-        jpegs.iter().zip(NAMES).map(|(jpeg, name)| decode(jpeg, name)).collect::<Result<_, _>>()?;
+        jpegs.iter().enumerate().map(|(i, jpeg)| decode(jpeg, name(i))).collect::<Result<_, _>>()?;
     let frames: Vec<&Frame> = frames.iter().collect();
     let network = network::get()?;
     let settings = Settings { network: network.as_ref_dyn(), cancelled: stop, ..Settings::default() };

@@ -112,8 +112,7 @@ fn choices(mut lines: Vec<Line>, own_mm: f64, mm_per_px: f64) -> Vec<Choice> {
             spread_mm,
         });
     }
-    if let (Some(both), Some(best)) = (both, found.first().map(|c| c.probability)) {
-        let (judges, agree) = both;
+    if let (Some((judges, agree)), Some(best)) = (both, found.first().map(|c| c.probability)) {
         let sure = surely(judges, mm_per_px).min(if agree { 1.0 } else { DISAGREE });
         let others = if best < 1.0 { ((1.0 - sure) / (1.0 - best)).min(1.0) } else { 1.0 };
         found.iter_mut().skip(1).for_each(|choice| choice.probability *= others);

@@ -13,8 +13,8 @@ public sealed interface MeasureResult {
     ) : MeasureResult
 
     /**
-     * All pictures show a face of A x B, so the box is A x A x B or A x B x B, and only a look at it or a picture of the third face can tell. [first] is the more
-     * likely one.
+     * All pictures show a face of A x B, so the box is A x A x B or A x B x B, and only a look at it or a picture of the third face can
+     * tell. [first] is the more likely one.
      */
     public class Ambiguous internal constructor(
         public val first: BoxSize,
