@@ -167,7 +167,12 @@ mod tests {
             for (end, found) in ends.iter().zip(sums) {
                 let chord = [0, 1].map(|i| (end[i] - from[i]) / steps as f32);
                 let want = Curve { from, step: chord, longer: [0.0; 2], steps }.sum(&map, [80, 80], &HALF);
-                prop_assert!((found - want).abs() <= 3, "{} for {}", found, want);
+                // Rounding decides which pixel a place on the border of two is in.
+                let edge = |x: f32| i32::from((x - x.round()).abs() < 2e-3);
+                let unsure: i32 = (0..=steps)
+                    .map(|s| [0, 1].map(|i| edge((from[i] + chord[i] * s as f32 + 0.5) * 0.5)).iter().sum::<i32>())
+                    .sum();
+                prop_assert!((found - want).abs() <= unsure, "{} for {}, {} places unsure", found, want, unsure);
             }
         }
     }
