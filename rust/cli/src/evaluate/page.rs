@@ -5,8 +5,10 @@ use super::rows::Made;
 use super::statistics::Share;
 use super::summary::{Confidence, Errors, Group, Summary, Wrong};
 
-/// [`Made::source`] of boxes with three faces of which two are used: what `--kind` is given.
-pub const TWO_OF_THREE: &str = "three --faces 2";
+/// Whether boxes were rendered with three faces of which two are used.
+pub fn two_of_three(made: &Made) -> bool {
+    made.source == "three" && made.faces == 2
+}
 /// Limits on the probability that are tabled.
 const LIMITS: [f64; 11] = [0.3, 0.5, 0.7, 0.8, 0.85, 0.88, 0.9, 0.92, 0.94, 0.96, 0.98];
 /// "How many could be measured with so many wrong ones?"
@@ -39,7 +41,7 @@ pub fn text(parts: &[(Summary, Option<Pictures>)], note: Option<&str>) -> String
 
 fn part(summary: &Summary, pictures: Option<&Pictures>) -> String {
     let made = &summary.made;
-    let of_boxes = matches!(made.source.as_str(), "box" | "three" | TWO_OF_THREE | "twins" | "folders");
+    let of_boxes = matches!(made.source.as_str(), "box" | "three" | "twins" | "folders");
     let things = if of_boxes { "boxes" } else { "faces" };
     let mut text = format!("## {}\n\n{}", title(made), how(summary));
     let m = &summary.measurable;
@@ -167,8 +169,8 @@ fn part(summary: &Summary, pictures: Option<&Pictures>) -> String {
 fn title(made: &Made) -> &str {
     match made.source.as_str() {
         "box" => "Rendered boxes",
+        "three" if two_of_three(made) => "The same boxes, two of the three faces",
         "three" => "Rendered boxes, three faces of each",
-        TWO_OF_THREE => "The same boxes, two of the three faces",
         "twins" => "Rendered boxes A x A x B",
         "face" => "Rendered faces",
         "refuse" => "Rendered frames that must be refused",
@@ -183,9 +185,10 @@ fn how(summary: &Summary) -> String {
     let mut text = String::new();
     if let Some([first, last]) = summary.seeds {
         text.push_str(&format!(
-            "Seeds {first} to {last}, held-out materials: `--simulate {} --seed {first} --kind {} --hazards {}`, photographs: {}.\n",
+            "Seeds {first} to {last}, held-out materials: `--simulate {} --seed {first} --kind {}{} --hazards {}`, photographs: {}.\n",
             last - first + 1,
             made.source,
+            if two_of_three(made) { " --faces 2" } else { "" },
             made.hazards.as_deref().unwrap_or("all"),
             made.photos.as_deref().unwrap_or("none"),
         ));

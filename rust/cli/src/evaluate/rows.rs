@@ -48,6 +48,8 @@ pub const UNDECIDED: &str = "undecided";
 pub struct Made {
     /// `folders`, or the kind of rendered recordings.
     pub source: String,
+    /// Frames of each box that were used at most.
+    pub faces: u8,
     /// Of rendered ones: hazards, and the photographs by number and hash.
     pub hazards: Option<String>,
     pub photos: Option<String>,
@@ -444,6 +446,7 @@ mod tests {
     fn made() -> Made {
         Made {
             source: "box".into(),
+            faces: 3,
             hazards: Some("all".into()),
             photos: None,
             calibration: None,

@@ -11,8 +11,6 @@ use super::{Broken, figures, progress_bar};
 use super::{simulated, stock};
 use crate::Finished;
 use crate::args::EvaluateArgs;
-#[cfg(feature = "render")]
-use crate::args::RenderKind;
 use crate::input::Usage;
 use crate::overlay::{self, Headline, View};
 use anyhow::Context;
@@ -135,7 +133,10 @@ fn report(args: &EvaluateArgs, parts: Vec<Summary>, broken: &[Broken]) -> anyhow
             std::fs::create_dir_all(&folder).with_context(|| format!("{}: cannot make", folder.display()))?;
             let stem = page.file_stem().unwrap_or_default().to_string_lossy().to_lowercase();
             let mut write = |kind: &str, svg: Result<String, String>| {
-                let source = part.made.source.replace(" --", "-").replace(' ', "-");
+                let source = match page::two_of_three(&part.made) {
+                    true => "three-two",
+                    false => &part.made.source,
+                };
                 let name = format!("{stem}-{}-{source}-{kind}.svg", index + 1);
                 let path = folder.join(&name);
                 written.push(path.display().to_string());
@@ -228,6 +229,7 @@ impl Bench<'_> {
         };
         let mut made = Made {
             source: "folders".into(),
+            faces: args.faces,
             hazards: None,
             photos: None,
             calibration: self.calibration.as_ref().map(|c| c.serial().to_owned()),
@@ -238,10 +240,7 @@ impl Bench<'_> {
         };
         #[cfg(feature = "render")]
         if let Some(stock) = &self.stock {
-            made.source = match (args.kind, args.faces) {
-                (RenderKind::Three, 2) => page::TWO_OF_THREE.to_owned(),
-                (kind, _) => value_name(kind),
-            };
+            made.source = value_name(args.kind);
             made.hazards = Some(args.hazards.to_string());
             let mut names = Sha256::new();
             stock.photos.all.iter().for_each(|photo| names.update(format!("{}\n", photo.name)));
