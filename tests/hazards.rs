@@ -12,8 +12,6 @@ use std::path::{Path, PathBuf};
 
 /// An object hides a part of the face, and the network of sides does not see it.
 const OCCLUDED: [&str; 1] = ["occluded o01"];
-/// A white face in dim stripes, which are hardly seen on it: a flap's seam in its middle is taken for a side, 213 mm short.
-const PHOTOGRAPHS: [&str; 1] = ["tampar_tile_r1c0 f1_dim"];
 
 /// A folder of recordings beside this repository.
 fn shared(name: &str) -> Option<PathBuf> {
@@ -66,7 +64,7 @@ fn real_photographs() {
     let recordings: Vec<Recorded> = folders.iter().map(|folder| Recorded::read_from(folder)).collect();
     // Where the truth was clicked, lines are judged, not millimetres.
     assert!(recordings.iter().all(|r| r.truth.faces.iter().all(|face| face.clicked_px.is_some())));
-    assert_eq!(wrong_faces(&recordings), PHOTOGRAPHS);
+    assert!(wrong_faces(&recordings).is_empty());
 }
 
 #[test]

@@ -18,7 +18,6 @@ const MODULES: [&str; 30] = [
     "network",
     "confidence",
     "measurement",
-    "alternatives",
     "camera",
     "calibration",
     "paper_head",
@@ -35,6 +34,7 @@ const MODULES: [&str; 30] = [
     "rectangle",
     "box_depth",
     "cuboid",
+    "alternatives",
     "points",
     "pipeline",
 ];

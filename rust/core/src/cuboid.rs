@@ -21,11 +21,11 @@ const SAME_SHARE: f64 = 0.004;
 const LIMIT: f64 = 10.83;
 
 /// Which of the box's three sides a face's length and width are.
-type SidesOfFace = [usize; 2];
+pub(crate) type SidesOfFace = [usize; 2];
 
 /// All ways in which faces may show the three sides of a box. The first shows sides 0 and 1, which names them. With three faces: those
 /// in which each shows another pair of sides, or those in which two show the same pair (a face twice, or opposite ones).
-fn arrangements(faces: usize, all_differ: bool) -> Vec<Vec<SidesOfFace>> {
+pub(crate) fn arrangements(faces: usize, all_differ: bool) -> Vec<Vec<SidesOfFace>> {
     const PAIRS: [SidesOfFace; 6] = [[0, 2], [2, 0], [1, 2], [2, 1], [0, 1], [1, 0]];
     let missing = |face: &SidesOfFace| 3 - face[0] - face[1];
     let mut found = vec![vec![[0, 1]]];
@@ -72,6 +72,19 @@ impl Shared {
             Warning { kind: WarningKind::SidesDiffer, laser: None, found, sigma, chi_square, limit: LIMIT };
         (chi_square > LIMIT).then_some(warning)
     }
+}
+
+/// How well two lengths of faces agree (0: a face's length, 1: its width) if they are one side: the density of their difference, 1/mm.
+/// Student's with 8 degrees of freedom, as sigmas are themselves estimates.
+pub(crate) fn agreement(first: (&FaceMeasurement, usize), second: (&FaceMeasurement, usize)) -> f64 {
+    let of = |(face, i): (&FaceMeasurement, usize)| if i == 0 { face.length } else { face.width };
+    let [(a, i), (b, j)] = [first, second];
+    let own = a.uncertainty.own_mm2[(i, i)] + b.uncertainty.own_mm2[(j, j)];
+    let differing = a.uncertainty.shared_mm.row(i) - b.uncertainty.shared_mm.row(j);
+    let sigma_mm = (own + differing.norm_squared()).max(1e-12).sqrt();
+    let shared = Shared { first: of(first), second: of(second), sigma_mm };
+    let scale_mm = shared.limit_mm() / SAME_SIGMAS;
+    0.3867 / scale_mm * (1.0 + (shared.difference_mm() / scale_mm).powi(2) / 8.0).powf(-4.5)
 }
 
 /// The lengths of all faces, two each, and their covariance.

@@ -1,6 +1,6 @@
 //! The one place that knows all stages and runs them in order.
 
-use crate::alternatives::{Alternative, Seen, Together, likeliest_boxes, weighed};
+use crate::alternatives::{Alternative, Seen, Together, Tried, likeliest_boxes, weighed};
 use crate::box_depth;
 use crate::calibration::Calibration;
 use crate::confidence;
@@ -18,13 +18,13 @@ use crate::image::Frame;
 use crate::image::bands::band_maps;
 use crate::image::redness::{Diagonal, RidgeMap, faint_ridge_map, half_redness};
 use crate::measurement::{
-    BoxReport, Candidate, DepthSeen, EdgeMethod, FaceMeasurement, FaceOutcome, Method, Outcome, Settings,
-    StageTimes,
+    BoxMeasurement, BoxReport, Candidate, DepthSeen, EdgeMethod, FaceMeasurement, FaceOutcome, Method,
+    Outcome, Settings, StageTimes,
 };
 use crate::network::{Asked, Channel, EdgeMap, EdgeMapNetwork, FaceMaps, Network};
 use crate::rectangle::hough_outline::hough_outline;
 use crate::rectangle::hypothesize::{Which, cut_by_border, ends_seen, hypothesize, limits, snap_to_image};
-use crate::rectangle::rivals::{Rival, rivals};
+use crate::rectangle::rivals::{Pair, Rival, rivals};
 use crate::rectangle::{self, Attempt, Measured};
 use crate::reject::Reject;
 use crate::sides::ViewAxes;
@@ -302,7 +302,7 @@ fn measure_on_plane(
             clock.see(&rough.raster, &rough.offsets_mm);
         }
         match measure_rough(task, &face, rough, clock) {
-            Ok(face) => alternatives.push(Alternative { probability: 1.0, face: Ok(Box::new(face)) }),
+            Ok(face) => alternatives.push(Alternative::only(face)),
             // An alternative that fails is none.
             Err(reject) if index == 0 => return Err(reject),
             Err(_) => {}
@@ -332,8 +332,7 @@ fn measure_in_edge_map(
     rough.raster = rough.raster.on(&face.fit.plane);
     rough.at_ends = ends_seen(calibration, &face, &rough.raster).unwrap_or(rough.at_ends);
     let face = measure_rough(task, &face, &rough, clock)?;
-    let alternatives = vec![Alternative { probability: 1.0, face: Ok(Box::new(face)) }];
-    Ok(Seen { alternatives, unsure: None, overlap: 0.0 })
+    Ok(Seen { alternatives: vec![Alternative::only(face)], unsure: None, overlap: 0.0 })
 }
 
 /// Measures the face along the outlines that it may have.
@@ -365,8 +364,10 @@ fn measure_seen_outline(
         return Err(hidden);
     }
     let free = seen.as_ref().map_or(1.0, |(_, odds)| free(odds));
-    let measured = rivals.iter().map(|Rival { outline, probability }| Alternative {
+    let measured = rivals.iter().map(|Rival { outline, probability, pairs }| Tried {
         probability: free * probability,
+        pairs: pairs.map(|pair| Pair { probability: free * pair.probability, ..pair }),
+        sides_mm: [1, 3].map(|high| outline.offsets_mm[high] - outline.offsets_mm[high - 1]),
         face: measure_outline(task, inner, outline, clock).map(Box::new),
     });
     let alternatives =
@@ -473,12 +474,12 @@ fn measure_rough(
     }
 }
 
-/// What the network of sides says of a hidden side from which a face is refused for it: 2 % of 542 sound faces of the learning and choosing
+/// What the network of sides says of a hidden side from which a face is refused for it: 1.8 % of 542 sound faces of the learning and choosing
 /// seeds are.
-const HIDDEN: f64 = 0.8;
-/// Odds that something hides a piece of a face which is looked at, an assumption (one in fifty), over those of the network's training (30
+const HIDDEN: f64 = 0.75;
+/// Odds that something hides a piece of a face which is looked at, an assumption (one in twenty), over those of the network's training (30
 /// hidden ones to 66 whole ones): what is less than [`HIDDEN`] makes the face less sure.
-const HIDDEN_ODDS: f64 = (0.02 / 0.98) / (0.30 / 0.66);
+const HIDDEN_ODDS: f64 = (0.05 / 0.95) / (0.30 / 0.66);
 /// Overlap of the outline with the network's mask below which the maps show no face here; right outlines of rendered boxes have 0.7
 /// and more.
 const LEAST_OVERLAP: f32 = 0.5;
@@ -549,6 +550,8 @@ fn no_box(best_share: f64) -> Reject {
     Reject::NoBox { best_share, needed_share: MIN_SEEN_SHARE }
 }
 
+/// Boxes that are named where none is likely enough.
+const CANDIDATES: usize = 2;
 /// Frames that make a box: two adjacent faces, or three.
 const FRAMES: RangeInclusive<usize> = 2..=3;
 
@@ -596,14 +599,19 @@ pub fn measure_box_with_hints(
         }
         Outcome::Rejected(_) => 0.0, // nothing that agrees
     };
-    let likeliest = boxes.iter().filter_map(|together| match &together.agreed.0 {
-        Outcome::Measured(sides) => {
-            let confidence = confidence(&together.agreed.0, together.probability);
-            Some(Candidate { sides: *sides, confidence })
-        }
-        _ => None,
+    let candidates = boxes.iter().flat_map(|together| {
+        let confidence = confidence(&together.agreed.0, together.probability);
+        let (all, share): (&[BoxMeasurement], f64) = match &together.agreed.0 {
+            Outcome::Measured(sides) => (std::slice::from_ref(sides), 1.0),
+            Outcome::Ambiguous(both) => (both, 0.5), // nothing tells which
+            Outcome::Rejected(_) => (&[], 0.0),
+        };
+        all.iter().map(move |sides| Candidate { sides: *sides, confidence: share * confidence })
     });
-    let (mut likeliest, mut doubt) = (likeliest.collect::<Vec<_>>(), None);
+    let mut likeliest: Vec<Candidate> = candidates.collect();
+    likeliest.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
+    likeliest.truncate(CANDIDATES);
+    let mut doubt = None;
     if let Some(Together { faces, agreed: (outcome, warnings, settled), probability }) =
         boxes.into_iter().next()
     {
@@ -719,8 +727,7 @@ fn with_alternatives(
         face_stages(&task, &mut clock).ok()
     });
     let (first, second) = (first?, second?);
-    let [first, second] =
-        [&first, &second].map(|seen| seen.measured().map(|(_, face)| face).collect::<Vec<_>>());
+    let [first, second] = [&first, &second].map(|seen| seen.measured().collect::<Vec<_>>());
     let mut found: Option<BoxReport> = None;
     for (i, a) in first.iter().copied().enumerate() {
         for (j, b) in second.iter().copied().enumerate() {

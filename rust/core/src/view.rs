@@ -18,6 +18,55 @@ pub struct FaceView {
     pub values: Vec<f32>,
 }
 
+/// A face turned by 180 degrees, or mirrored so that its rows are its columns, is a face: the network is asked in all four ways. Their
+/// errors are not the same, so that together they err less ([`SideOdds::of_ways`]).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Way {
+    /// Rows and columns the other way round.
+    pub reversed: bool,
+    /// Rows are columns, after that.
+    pub transposed: bool,
+}
+
+impl Way {
+    /// All four; the first is the view as it is.
+    pub const ALL: [Self; 4] = [
+        Self { reversed: false, transposed: false },
+        Self { reversed: true, transposed: true },
+        Self { reversed: true, transposed: false },
+        Self { reversed: false, transposed: true },
+    ];
+
+    /// Which side of the view as it is becomes side `side`.
+    const fn side_before(self, side: usize) -> usize {
+        let side = if self.transposed { (side + 2) % 4 } else { side };
+        if self.reversed { side ^ 1 } else { side }
+    }
+}
+
+impl FaceView {
+    /// The view in another way; stripes 1 and 2 are then stripes 3 and 4 if it is transposed.
+    #[must_use]
+    pub fn turned(&self, way: Way) -> Self {
+        let plane = CELLS * CELLS;
+        let mut values = Vec::with_capacity(self.values.len());
+        for channel in 0..VIEW[0] {
+            let from = match channel {
+                3 | 4 if way.transposed => 7 - channel,
+                _ => channel,
+            };
+            let cells = &self.values[from * plane..(from + 1) * plane];
+            let at = |row: usize, column: usize| {
+                let (row, column) = if way.transposed { (column, row) } else { (row, column) };
+                let index = row * CELLS + column;
+                cells[if way.reversed { plane - 1 - index } else { index }]
+            };
+            values.extend((0..plane).map(|index| at(index / CELLS, index % CELLS)));
+        }
+        Self { values }
+    }
+}
+
 /// Numbers of one side as the network gives them: logits of the places, of "not in view", and of "hidden".
 const LOGITS: usize = BINS + 2;
 /// Numbers that the network gives: sides one after the other.
@@ -58,6 +107,32 @@ impl SideOdds {
         Some(Self { sides: logits.chunks_exact(LOGITS).map(side).collect() })
     }
 
+    /// Of one view asked in several ways, turned back: the geometric means of probabilities and of odds. `None` without any.
+    #[must_use]
+    pub fn of_ways(told: &[(Way, Self)]) -> Option<Self> {
+        if told.is_empty() {
+            return None;
+        }
+        let share = 1.0 / told.len() as f64;
+        // Far from one, so that no way can rule a place out alone.
+        let log = |p: f64| share * p.max(1e-9).ln();
+        let side = |side: usize| {
+            let all: Vec<&Side> = told
+                .iter()
+                .flat_map(|(way, odds)| {
+                    (0..4).filter(|k| way.side_before(*k) == side).map(|k| &odds.sides[k])
+                })
+                .collect();
+            let mean = |of: &dyn Fn(&Side) -> f64| all.iter().map(|s| log(of(s))).sum::<f64>().exp();
+            let mut places: Vec<f64> = (0..BINS).map(|bin| mean(&|s| s.places[bin])).collect();
+            let total = places.iter().sum::<f64>() + mean(&|s| 1.0 - s.places.iter().sum::<f64>());
+            places.iter_mut().for_each(|p| *p /= total);
+            let (hidden, free) = (mean(&|s| s.hidden), mean(&|s| 1.0 - s.hidden));
+            Side { places, hidden: hidden / (hidden + free) }
+        };
+        Some(Self { sides: (0..4).map(side).collect() })
+    }
+
     /// Probability that a side is at a place, a bin and its fraction, to within two bins.
     #[must_use]
     pub fn at(&self, side: usize, middle: f64) -> f64 {
@@ -90,6 +165,50 @@ impl SideOdds {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The brightest of the first cells beyond each side's border, as a stand-in for the network.
+    fn told_by_borders(view: &FaceView) -> SideOdds {
+        let of = |row: usize, column: usize| view.values[row * CELLS + column];
+        let mut logits = vec![0.0; OUTPUTS];
+        for (side, value) in
+            [of(CELLS / 2, 0), of(CELLS / 2 - 1, CELLS - 1), of(0, CELLS / 2), of(CELLS - 1, CELLS / 2 - 1)]
+                .into_iter()
+                .enumerate()
+        {
+            logits[side * LOGITS + value as usize] = 8.0;
+            logits[side * LOGITS + BINS + 1] = value - 3.0;
+        }
+        SideOdds::from_logits(&logits).expect("finite")
+    }
+
+    #[test]
+    fn a_view_asked_in_all_ways_is_turned_back() {
+        let mut view = FaceView { values: vec![0.0; VIEW.iter().product()] };
+        let (middle, last) = (CELLS / 2, CELLS - 1);
+        for (low, high, value) in
+            [([middle, 0], [middle - 1, last], 10.0), ([0, middle], [last, middle - 1], 30.0)]
+        {
+            view.values[low[0] * CELLS + low[1]] = value;
+            view.values[high[0] * CELLS + high[1]] = value + 10.0;
+        }
+        view.values[3 * CELLS * CELLS + 7] = 1.0;
+        let told = Way::ALL.map(|way| (way, told_by_borders(&view.turned(way))));
+        let all = SideOdds::of_ways(&told).expect("four ways");
+        for (side, place) in [10, 20, 30, 40].into_iter().enumerate() {
+            assert!(all.sides[side].places[place] > 0.9, "{side}");
+            let (one, together) = (told[0].1.hidden(side), all.hidden(side));
+            assert!((one - together).abs() < 1e-6, "{one} {together}");
+        }
+        for way in Way::ALL {
+            // Twice the same way is the view again, and what only stripes 1 and 2 have is theirs.
+            assert_eq!(view.turned(way).turned(way), view);
+            let of_pair = |pair: usize| {
+                view.turned(way).values[(3 + pair) * CELLS * CELLS..][..CELLS * CELLS].iter().sum::<f32>()
+            };
+            assert_eq!(of_pair(usize::from(way.transposed)), 1.0);
+        }
+        assert_eq!(SideOdds::of_ways(&[]), None);
+    }
 
     #[test]
     fn probabilities_add_up_and_broken_numbers_are_refused() {

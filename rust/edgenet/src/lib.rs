@@ -16,7 +16,7 @@ pub use engine::{Engine, Options, Runtime};
 
 use boxline::image::small::Downscaler;
 use boxline::network::{CHANNELS, EdgeMapNetwork, FaceMaps, LineStrip, Network, STRIP};
-use boxline::view::{FaceView, SideOdds, VIEW};
+use boxline::view::{FaceView, SideOdds, VIEW, Way};
 use boxline::{Error, ErrorKind, Frame};
 use std::num::NonZeroUsize;
 use std::path::Path;
@@ -164,6 +164,19 @@ impl EdgeNet {
         })
     }
 
+    /// What the network of sides says of a view seen in one way; [`Network::sides`] asks in all.
+    ///
+    /// # Errors
+    /// The view has another size, or the runtime fails.
+    pub fn sides_seen(&self, view: &FaceView, way: Way) -> Result<SideOdds, Error> {
+        if view.values.len() != VIEW.iter().product::<usize>() {
+            return Err(bad_network("sides wants another view"));
+        }
+        let logits = told(&self.sides, &view.turned(way).values, "sides wants another view")?;
+        let broken = || bad_network("sides gives no probabilities; its weights are broken");
+        SideOdds::from_logits(&logits).ok_or_else(broken)
+    }
+
     /// What runs it: `ONNX Runtime` or `tract`.
     #[must_use]
     pub const fn runtime_name(&self) -> &'static str {
@@ -181,8 +194,9 @@ impl Network for EdgeNet {
     }
 
     fn sides(&self, view: &FaceView) -> Result<Option<SideOdds>, Error> {
-        let odds = SideOdds::from_logits(&told(&self.sides, &view.values, "sides wants another view")?);
-        odds.map(Some).ok_or_else(|| bad_network("sides gives no probabilities; its weights are broken"))
+        let told = Way::ALL.map(|way| self.sides_seen(view, way).map(|odds| (way, odds)));
+        let told = told.into_iter().collect::<Result<Vec<_>, _>>()?;
+        Ok(SideOdds::of_ways(&told))
     }
 
     fn line_log_odds(&self, strip: &LineStrip) -> Result<f32, Error> {

@@ -180,7 +180,7 @@ mod tests {
             raster,
             offsets_mm: [-140.3, 120.9, -90.2, 100.6],
             at_ends: [true; 4],
-            spread_mm: [0.0; 4],
+            lines: Default::default(),
             mm_per_px,
         }
     }

@@ -2,7 +2,7 @@
 //! the maps. Flush neighbours, print and clutter are told apart here; the exact place of each side comes from the frame.
 
 use super::extent::crossing_px;
-use super::outline::{Across, SIDES, outward_sign, span_mm};
+use super::outline::{Across, SIDES, WeightedLine, outward_sign, span_mm};
 use super::raster::{OnPlane, PlaneRaster};
 use crate::calibration::Calibration;
 use crate::frames::{Cam, Plane};
@@ -15,8 +15,8 @@ pub(crate) struct MapOutline {
     pub raster: PlaneRaster,
     /// Offsets of the sides in the order of [`SIDES`], mm.
     pub offsets_mm: [f64; 4],
-    /// As [`super::outline::RoughRectangle::spread_mm`].
-    pub spread_mm: [f64; 4],
+    /// As [`super::outline::RoughRectangle::lines`].
+    pub lines: [Vec<WeightedLine>; 4],
     /// Size of a frame pixel on the face, mm.
     pub mm_per_px: f64,
     /// Frame pixels per pixel of the maps.
@@ -112,7 +112,7 @@ pub(crate) fn map_outline(
         overlap: candidate.exact_overlap(calibration, &base, maps),
         raster,
         offsets_mm: candidate.offsets_mm,
-        spread_mm: [0.0; 4],
+        lines: Default::default(),
         mm_per_px,
         px_per_raster_px: maps.px_per_raster_px(),
     })

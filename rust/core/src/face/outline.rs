@@ -56,6 +56,14 @@ pub(crate) fn outward_sign(side: usize) -> f64 {
     if SIDES[side].1 { 1.0 } else { -1.0 }
 }
 
+/// A line that a side may be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct WeightedLine {
+    pub offset_mm: f64,
+    /// Of the evidence for all lines of the side.
+    pub share: f64,
+}
+
 /// A rectangle to within some pixels: sides parallel to the raster's axes.
 #[derive(Clone, Debug)]
 pub(crate) struct RoughRectangle {
@@ -64,8 +72,8 @@ pub(crate) struct RoughRectangle {
     pub offsets_mm: [f64; 4],
     /// Whether the ends of both stripes lie on the side (not so beside a flush neighbour).
     pub at_ends: [bool; 4],
-    /// How far other lines beside a side scatter that may be it as well, 1 sigma, mm; 0 where nothing tells.
-    pub spread_mm: [f64; 4],
+    /// Lines that each side may be; none where nothing tells.
+    pub lines: [Vec<WeightedLine>; 4],
     /// Size of a pixel on the face, mm.
     pub mm_per_px: f64,
 }

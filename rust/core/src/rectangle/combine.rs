@@ -190,7 +190,7 @@ impl Judge<'_> {
             score: score(support),
             clear: support.iter().all(|s| *s >= CLEAR_SUPPORT),
             rough: RoughRectangle {
-                spread_mm: [0.0; 4],
+                lines: Default::default(),
                 raster: *raster,
                 offsets_mm,
                 at_ends: chosen.map(|s| s.at_end),

@@ -74,7 +74,7 @@ pub(crate) fn hough_outline(
             raster,
             offsets_mm,
             at_ends: [true; 4],
-            spread_mm: [0.0; 4],
+            lines: Default::default(),
             mm_per_px: search.mm_per_px,
         }),
         sides_found => Err(open(sides_found)),

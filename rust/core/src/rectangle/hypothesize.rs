@@ -181,7 +181,7 @@ pub(crate) fn snap_to_image(
         corners_outside(frame, calibration, &raster, &outline.offsets_mm).unwrap_or_else(|| open(found))
     })?;
     rough.at_ends = flush.map(|f| !f);
-    rough.spread_mm = outline.spread_mm;
+    rough.lines = outline.lines.clone();
     Ok(rough)
 }
 

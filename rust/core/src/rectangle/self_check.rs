@@ -58,6 +58,9 @@ pub(crate) struct SelfCheck {
     pub tilt_rad: Option<f64>,
     /// How far the sides may lie from the plane, mm, because the face is not flat.
     pub off_plane_mm: f64,
+    /// How far the two lengths (across a, across b) may be off because the sides form no rectangle, 1 sigma, mm: a side that is tilted
+    /// against the others, since it bulges or because a part of it is another line, lies somewhere within its tilt.
+    pub tilted_mm: [f64; 2],
     /// Where one bow of the whole face explains the stripes: what it adds to each residual of a stripe, px, in the order of the rows;
     /// zero at the stripes' ends, which lie on the sides.
     pub bow_px: Vec<f64>,
@@ -426,6 +429,13 @@ fn rectangular(system: &System, fit: &FittedRectangle, found: &mut SelfCheck) ->
             continue;
         }
         let (missing, sigma) = test.single();
+        // Evenly within the tilt of a side over its length; two sides at an angle differ by what one of them is tilted.
+        let evenly_mm = |length_mm: f64| (missing * length_mm).abs() / 12f64.sqrt();
+        for (i, tilted_mm) in found.tilted_mm.iter_mut().enumerate() {
+            if k == 0 || k == i + 1 {
+                *tilted_mm = tilted_mm.hypot(evenly_mm(lengths_mm[i + 1]));
+            }
+        }
         found.warnings.push(Warning {
             kind: if k == 0 { WarningKind::NotRightAngled } else { WarningKind::OppositeEdges },
             laser: None,
