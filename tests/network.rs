@@ -11,7 +11,7 @@ use boxline_tests::Recorded;
 const PROMISED_MM: f64 = 5.0;
 /// Of the twelve measurable frames; the network has never seen a picture of this renderer. By default, and where the default's limit on
 /// the probability does not refuse what is right.
-const LEAST_MEASURED: [(f64, usize); 2] = [(boxline::measurement::LEAST_CONFIDENCE, 6), (0.6, 12)];
+const LEAST_MEASURED: [(f64, usize); 2] = [(boxline::measurement::LEAST_CONFIDENCE, 4), (0.6, 12)];
 
 #[test]
 fn recorded_frames_are_right_or_refused() {

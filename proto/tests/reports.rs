@@ -132,10 +132,18 @@ fn a_measured_box_as_json() {
         "confidence": null,
     });
     let measured = report(Outcome::Measured(sides(300.0)));
+    // What the face needs beyond its sides.
+    let around = [(551.5, 0.5), (350.5, 0.2), (300.5, 0.25)];
+    let relative2: f64 = around.iter().map(|(mm, sigma): &(f64, f64)| (sigma / mm).powi(2)).sum();
+    let around_m3 = around.iter().map(|(mm, _)| mm * 1e-3).product::<f64>() * relative2.sqrt();
     let expected = json!({
         "outcome": "measured",
         "length_mm": estimate(550.5, 0.25), "width_mm": estimate(350.5, 0.2),
         "height_mm": estimate(300.0, 0.1), "volume_m3": estimate(0.0579, 0.0001),
+        "enclosing_mm": {
+            "length": estimate(551.5, 0.5), "width": estimate(350.5, 0.2), "height": estimate(300.5, 0.25),
+            "volume_m3": estimate(around.iter().map(|(mm, _)| mm * 1e-3).product(), around_m3),
+        },
         "candidates": [], "reject": null, "faces": [entry, rejected],
         "warnings": [between],
         "settled": {"depth_mm": estimate(300.5, 2.0), "log_odds": 14.5, "stripes": 3},
@@ -150,13 +158,13 @@ fn a_measured_box_as_json() {
     let expected = json!({
         "outcome": "measured",
         "length_mm": estimate(550.5, 0.25), "width_mm": estimate(300.0, 0.1),
-        "height_mm": null, "volume_m3": null, "candidates": [], "reject": null, "faces": [entry], "warnings": [],
+        "height_mm": null, "volume_m3": null, "enclosing_mm": null, "candidates": [], "reject": null, "faces": [entry], "warnings": [],
         "settled": null, "confidence": 0.9375, "likeliest": [], "third_face_helps": false,
     });
     assert_eq!(face_json(&measured.faces[0], None, "a"), expected);
     let expected = json!({
         "outcome": "rejected", "length_mm": null, "width_mm": null, "height_mm": null, "volume_m3": null,
-        "candidates": [], "reject": reject, "faces": [rejected], "warnings": [],
+        "enclosing_mm": null, "candidates": [], "reject": reject, "faces": [rejected], "warnings": [],
         "settled": null, "confidence": null, "likeliest": [], "third_face_helps": false,
     });
     assert_eq!(face_json(&measured.faces[1], hints()[1].as_ref(), "b"), expected);

@@ -26,6 +26,7 @@ use serde_json::{Map, Value, json};
 ///             "straightness_mm": [{"sagitta": 0, "sigma": 0, "rms": 0}, "4 of them: corner 0-1, 1-2, 2-3, 3-0"],
 ///             "enclosing_mm": {"length": {..}, "width": {..}},
 ///             "hint": {"text": "go 20 cm closer", "moves": [{"move": "closer", "by_mm": 200}]}}],
+///  "enclosing_mm": {"length": {..}, "width": {..}, "height": {..}, "volume_m3": {..}},
 ///  "settled": {"depth_mm": {..}, "log_odds": 0, "stripes": 0},
 ///  "confidence": 0.93, "third_face_helps": false,
 ///  "likeliest": [{"length_mm": {..}, "width_mm": {..}, "height_mm": {..}, "volume_m3": {..}, "confidence": 0.5}, "two at most"],
@@ -35,8 +36,8 @@ use serde_json::{Map, Value, json};
 /// faces told an A x A x B box from A x B x B. `confidence` is the probability that the result is right, `null` without a network;
 /// `likeliest` the likeliest boxes of a refused one; `third_face_helps` that two frames leave open what a third may settle. The plane's unit normal points away from the camera (frame: camera). `surface_mm`
 /// is how far the surface lies from the plane, towards the camera, at a position from the face's middle. The hint is `null` if the view
-/// was not refused or moving does not help. `enclosing_mm` is the smallest rectangle of the face's direction that encloses it, edges
-/// that bow (`sagitta`, positive outwards) and wave included.
+/// was not refused or moving does not help. `enclosing_mm` is the smallest rectangle of the face's direction, or box of the box's, that
+/// encloses it, edges that bow (`sagitta`, positive outwards) and wave included.
 #[must_use]
 pub fn report_json(report: &BoxReport, hints: &[Option<Hint>], frame_ids: &[&str]) -> Value {
     let (name, sides, candidates, reject) = match &report.outcome {
@@ -52,6 +53,9 @@ pub fn report_json(report: &BoxReport, hints: &[Option<Hint>], frame_ids: &[&str
         "width_mm": sides.map(|s| estimate(s.width)),
         "height_mm": sides.map(|s| estimate(s.height)),
         "volume_m3": sides.map(volume),
+        "enclosing_mm": report.enclosing().map(|s| json!({
+            "length": estimate(s.length), "width": estimate(s.width), "height": estimate(s.height), "volume_m3": volume(&s),
+        })),
         "candidates": candidates,
         "reject": reject.map(reject_entry),
         "faces": faces,
@@ -75,6 +79,7 @@ pub fn face_json(face: &FaceOutcome, hint: Option<&Hint>, frame_id: &str) -> Val
         "width_mm": entry["width_mm"],
         "height_mm": null,
         "volume_m3": null,
+        "enclosing_mm": null,
         "candidates": [],
         "reject": entry["reject"],
         "faces": [entry],

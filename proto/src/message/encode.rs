@@ -38,6 +38,7 @@ pub(super) fn report(report: &BoxReport, hints: &[Option<Hint>], frame_ids: &[&s
         confidence: report.confidence,
         likeliest: likeliest.collect(),
         third_face_helps: report.third_face_helps(),
+        enclosing: report.enclosing().as_ref().map(sides),
     }
 }
 

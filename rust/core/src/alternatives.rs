@@ -161,14 +161,17 @@ struct State<'a> {
     face: Option<&'a FaceMeasurement>,
     /// Whether its length and its width lie between the right lines.
     right: [bool; 2],
+    /// Whether the frame shows a face at all.
+    told: bool,
 }
 
 fn states<'a>(seen: Option<&'a Seen>) -> Vec<State<'a>> {
     let mut found = Vec::new();
     for (index, alternative) in seen.iter().flat_map(|seen| seen.alternatives.iter().enumerate()) {
         if let Ok(face) = &alternative.face {
-            let mut state =
-                |probability, right| found.push(State { probability, index, face: Some(&**face), right });
+            let mut state = |probability, right| {
+                found.push(State { probability, index, face: Some(&**face), right, told: true })
+            };
             state(alternative.probability, [true, true]);
             state(alternative.half[0], [true, false]);
             state(alternative.half[1], [false, true]);
@@ -176,7 +179,8 @@ fn states<'a>(seen: Option<&'a Seen>) -> Vec<State<'a>> {
     }
     found.retain(|state| state.probability >= LEAST);
     let probability = (1.0 - found.iter().map(|state| state.probability).sum::<f64>()).max(0.0);
-    found.push(State { probability, index: 0, face: None, right: [false; 2] });
+    let told = !found.is_empty();
+    found.push(State { probability, index: 0, face: None, right: [false; 2], told });
     found
 }
 
@@ -188,7 +192,7 @@ fn agreement(states: &[State<'_>], arrangement: &[cuboid::SidesOfFace]) -> f64 {
         let mut first = None;
         let mut unknown = 0;
         for (state, sides) in states.iter().zip(arrangement) {
-            for direction in (0..2).filter(|direction| sides[*direction] == side) {
+            for direction in (0..2).filter(|direction| state.told && sides[*direction] == side) {
                 match (state.face.filter(|_| state.right[direction]), first) {
                     (Some(face), Some(known)) => density *= cuboid::agreement(known, (face, direction)),
                     (Some(face), None) => first = Some((face, direction)),
@@ -202,10 +206,13 @@ fn agreement(states: &[State<'_>], arrangement: &[cuboid::SidesOfFace]) -> f64 {
     density
 }
 
+/// A face of each frame, or none.
+type OneEach<'a> = Vec<Option<&'a FaceMeasurement>>;
+
 /// Faces of one box, one a frame at most.
 pub(crate) struct Together<'a, T> {
     /// Of each frame the face that fits; `None` where the box is told by the others.
-    pub faces: Vec<Option<&'a FaceMeasurement>>,
+    pub faces: OneEach<'a>,
     /// What they make together.
     pub agreed: T,
     /// That this is the box.
@@ -236,7 +243,7 @@ pub(crate) fn likeliest_boxes<'a, T>(
         .filter(|(_, arrangements)| !arrangements.is_empty())
         .collect();
     let mut total = 0.0;
-    let mut ways: BTreeMap<Vec<Option<usize>>, (f64, Vec<Option<&'a FaceMeasurement>>)> = BTreeMap::new();
+    let mut ways: BTreeMap<Vec<Option<usize>>, (f64, OneEach<'a>)> = BTreeMap::new();
     for states in &all {
         let prior: f64 = states.iter().map(|state| state.probability).product();
         let likelihood: f64 = arrangements

@@ -5,6 +5,7 @@
     python sides.py --run runs/sides --views views.bin --validation held-out.bin --visits 150000      goes on where it stopped
     python sides.py --run runs/sides --views views.bin --validation held-out.bin --begin ../models/sides.onnx     begins from that file
     python sides.py --run runs/sides --validation held-out.bin --export ../models/sides.onnx          the file, its card and check
+    python sides.py --score ../models/sides.onnx --validation held-out.bin      a file's scores, asked in one way and as the program does
 
 A view is what `boxline::sides::face_view` makes: 5 channels of 256 x 256. The network gives, for each of the four sides, the logits of
 112 places (bins) and of "not in view", and the logit that something in front of the face hides a piece of it. The file with views may
@@ -40,6 +41,7 @@ STEP = 4  # cells of the view a step of the features
 SPREAD_BINS = 0.7  # of the soft label about the true place: edges wave, crossings and planes are off by a little
 NEAR_BINS = 2.0  # a place counts as right within so many bins: 2 % of the face
 HIDDEN_WEIGHT = 0.3
+WAYS = (0, 3, 4, 7)  # in which the program asks, of `turned`: as core/src/view.rs has them
 WARM_UP_STEPS = 200
 OPSET = 17
 LARGEST_DIFFERENCE = 1e-3
@@ -264,6 +266,7 @@ def scores(told: torch.Tensor, views: Views) -> dict:
     limit = float(at[int(0.98 * (len(at) - 1))]) if len(at) else 1.0
     return {
         "faces": len(views),
+        "whole faces": int(whole.sum()),
         "loss": round(float(loss), 4),
         "sides right": round(float(right[seen].float().mean()), 4),
         "bins off, rms of right": round(float(((best + 0.5 - bins)[right] ** 2).mean().sqrt()), 3),
@@ -332,6 +335,28 @@ def train(options: argparse.Namespace, stop) -> None:
     print(f"validation {json.dumps(scores(told_by(averaged, validation), validation))}", flush=True)
 
 
+def told_in_ways(path: Path, views: Views, ways: tuple[int, ...]) -> torch.Tensor:
+    """What a file says of each view, asked in several of the eight ways: geometric means of probabilities and odds, as in core/src/view.rs."""
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1
+    session = onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
+    all_views = []
+    for index in range(len(views)):
+        of_ways = []
+        for way in ways:
+            view, order, _ = turned(views.view(index), np.arange(4), np.arange(4), way)
+            told = session.run(None, {"view": np.ascontiguousarray(view, np.float32)[None] / np.float32(255)})[0][0, :, 0]
+            back = np.empty_like(told)
+            back[order] = told  # row k is of side order[k]
+            of_ways.append(torch.from_numpy(back))
+        told = torch.stack(of_ways)
+        places = told[..., : BINS + 1].log_softmax(-1).mean(0)
+        all_views.append(torch.cat([places, told[..., BINS + 1 :].mean(0)], -1))
+    return torch.stack(all_views)
+
+
 def check_view() -> torch.Tensor:
     """A made-up view in whole numbers, the same as in ../tests/lines_and_sides.rs."""
     c, row, column = np.meshgrid(np.arange(CHANNELS), np.arange(CELLS), np.arange(CELLS), indexing="ij")
@@ -387,10 +412,11 @@ A place is right within {NEAR_BINS:g} bins, some 2 % of the face.
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--run", type=Path, required=True, help="folder for checkpoints")
+    parser.add_argument("--run", type=Path, help="folder for checkpoints")
     parser.add_argument("--views", type=Path, help="what to learn from")
     parser.add_argument("--validation", type=Path, required=True, help="held-out views")
     parser.add_argument("--export", type=Path, help="write this ONNX file instead of training")
+    parser.add_argument("--score", type=Path, help="print the scores of this ONNX file instead of training")
     parser.add_argument("--begin", type=Path, help="begin from the weights of this ONNX file, if there is no checkpoint")
     parser.add_argument("--visits", type=int, default=150_000)
     parser.add_argument("--batch", type=int, default=16)
@@ -400,6 +426,13 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--checkpoint-minutes", type=float, default=6)
     options = parser.parse_args()
+    if options.score:
+        views = Views(options.validation)
+        for ways in ((0,), WAYS):
+            print(f"asked in {len(ways)} ways: {json.dumps(scores(told_in_ways(options.score, views, ways), views))}")
+        return
+    if not options.run:
+        parser.error("--run or --score is needed")
     if options.export:
         export(options)
     elif options.views:

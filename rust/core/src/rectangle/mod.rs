@@ -46,7 +46,7 @@ const MAX_EDGE_RMS_MM: f64 = 2.0;
 pub(crate) enum Measured {
     Face(Box<FaceMeasurement>),
     /// The stripes end elsewhere than the edges that were found near it: here other edges should be looked for.
-    Misplaced(RoughRectangle),
+    Misplaced(Box<RoughRectangle>),
 }
 
 /// The rough rectangle and what is left of hope for a better one.
@@ -97,7 +97,7 @@ pub(crate) fn measure(
     if let Some(off_mm) = misplaced_mm {
         let beyond_ends = off_mm.iter().filter(|off| **off < -TOO_FAR_PX * rough.mm_per_px).count() as u8;
         match attempt {
-            Attempt::First => return Ok(Measured::Misplaced(rough.moved_outwards(off_mm))),
+            Attempt::First => return Ok(Measured::Misplaced(Box::new(rough.moved_outwards(off_mm)))),
             Attempt::Last if beyond_ends > 0 => {
                 return Err(Reject::RectangleOpen { sides_found: 4 - beyond_ends });
             }

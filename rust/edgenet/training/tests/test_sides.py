@@ -92,3 +92,15 @@ def test_a_network_begun_from_a_file_says_what_the_file_does():
         begun = network(pictures[:1]).numpy()
     due = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"]).run(None, {"view": pictures[:1].numpy()})[0]
     assert np.abs(begun - due).max() < 1e-2
+
+
+def test_what_is_told_of_a_turned_view_is_turned_back(tmp_path):
+    pytest.importorskip("onnxruntime")
+    path = tmp_path / "views.bin"
+    made_up(path, 2, np.random.default_rng(3))
+    views = sides.Views(path)
+    model = Path(__file__).parents[2] / "models" / "sides.onnx"
+    bins, _ = views.truth(0)
+    for ways in [*((way,) for way in range(8)), sides.WAYS]:
+        told = sides.told_in_ways(model, views, ways)[0]
+        assert np.abs(told[:, : sides.BINS].argmax(-1).numpy() - bins).max() <= 3, ways

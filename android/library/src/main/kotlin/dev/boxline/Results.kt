@@ -5,6 +5,8 @@ public sealed interface MeasureResult {
     /** The box was measured. */
     public class Measured internal constructor(
         public val size: BoxSize,
+        /** The smallest box that encloses it, edges that bow and wave included: what a carrier's tunnel reads. */
+        public val enclosing: BoxSize,
         /** Probability that every side is within 5 mm, 0 to 1; null without the network. */
         public val confidence: Double?,
         /** What looked odd; empty as a rule. */

@@ -28,7 +28,10 @@ internal fun measureResult(bytes: ByteArray): MeasureResult {
     val faces = report.messages(5)
     val warnings = faces.flatMapIndexed { i, face -> warnings(face, 11, i) } + warnings(report, 6, null)
     return when (report.number(1)) {
-        MEASURED -> MeasureResult.Measured(size(report.part(2)), report.doubleOrNull(8), warnings, record)
+        MEASURED -> {
+            val enclosing = size(report.part(11))
+            MeasureResult.Measured(size(report.part(2)), enclosing, report.doubleOrNull(8), warnings, record)
+        }
         AMBIGUOUS -> {
             val (first, second) = report.messages(3)
             MeasureResult.Ambiguous(size(first), size(second), report.doubleOrNull(8), warnings, record)

@@ -57,7 +57,7 @@ class MainActivityTest {
 
     private val record = Record(ByteArray(0))
     private val bulge = Warning("face_not_flat", 0, emptyMap(), "")
-    private val measured = MeasureResult.Measured(size(550.41, 349.78, 300.09), 0.99, listOf(bulge, Warning("face_not_flat", 1, emptyMap(), "")), record)
+    private val measured = MeasureResult.Measured(size(550.41, 349.78, 300.09), size(551.0, 350.2, 300.4), 0.99, listOf(bulge, Warning("face_not_flat", 1, emptyMap(), "")), record)
     private val moves = listOf(Move.Farther(Millimetres(234.0)), Move.Aim(Radians(-0.1), Radians(0.001)))
     private val cut = Reason("face_cut_by_border", emptyMap(), "", moves, "")
     private val ambiguous = MeasureResult.Ambiguous(size(400.0, 400.0, 250.0), size(400.0, 250.0, 250.0), 0.99, emptyList(), record)
