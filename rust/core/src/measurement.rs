@@ -71,8 +71,9 @@ pub struct Settings<'a> {
 pub const USUAL_DRIFT_RAD: f64 = 0.05e-3;
 
 /// [`Settings::least_confidence`] unless told otherwise. Of 636 measurable boxes of the learning, the choosing and a used-up final set, by two
-/// frames, it leaves 43 % (A x A x B boxes counted that end with both candidates), of which 3 of 271 are wrong. At 0.97 it would be 38 % and 2 (where a wrong one counts as much as a hundred refusals
-/// the two are equal within their noise), at 0.95 47 % and 6, at 0.92 54 % and 9, at 0.90 56 % and 11.
+/// frames, it leaves 43 % (A x A x B boxes counted that end with both candidates), of which 3 of 271 are wrong. At 0.97 it would be 38 %
+/// and 2 (where a wrong one counts as much as a hundred refusals the two are equal within their noise), at 0.95 47 % and 6, at 0.92 54 %
+/// and 9, at 0.90 56 % and 11.
 pub const LEAST_CONFIDENCE: f64 = 0.96;
 
 impl Default for Settings<'_> {
@@ -315,6 +316,32 @@ pub struct DepthSeen {
 pub type StageTimes = Vec<(&'static str, u64)>;
 
 #[cfg(test)]
+impl FaceMeasurement {
+    /// A face straight ahead, with as many px as mm, for tests of what is done with faces.
+    pub(crate) fn made_up(length_mm: f64, width_mm: f64) -> Self {
+        Self {
+            length: Estimate::new(length_mm, 0.4),
+            width: Estimate::new(width_mm, 0.4),
+            plane: Plane::new(nalgebra::Vector3::z() * 1e-3),
+            corners_px: [(0.0, 0.0), (length_mm, 0.0), (length_mm, width_mm), (0.0, width_mm)]
+                .map(|(u, v)| Px::new(u, v)),
+            corners: [Point::new(0.0, 0.0, 1000.0); 4],
+            key_points_px: [[Px::new(0.0, 0.0); 2]; 4],
+            rms_px: 0.2,
+            stripe_points_px: Default::default(),
+            edge_points_px: Default::default(),
+            uncertainty: SideUncertainty::default(),
+            corner_angles: None,
+            warnings: Vec::new(),
+            surface: Vec::new(),
+            straightness: Default::default(),
+            enclosing: [Estimate::new(length_mm, 0.4), Estimate::new(width_mm, 0.4)],
+            confidence: None,
+        }
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
 
@@ -355,31 +382,5 @@ mod tests {
         assert!((around.volume.value_m3 - 0.503 * 0.401 * 0.3).abs() < 1e-9);
         report.outcome = Outcome::Rejected(Reject::RectangleOpen { sides_found: 3 });
         assert_eq!(report.enclosing(), None);
-    }
-}
-
-#[cfg(test)]
-impl FaceMeasurement {
-    /// A face straight ahead, with as many px as mm, for tests of what is done with faces.
-    pub(crate) fn made_up(length_mm: f64, width_mm: f64) -> Self {
-        Self {
-            length: Estimate::new(length_mm, 0.4),
-            width: Estimate::new(width_mm, 0.4),
-            plane: Plane::new(nalgebra::Vector3::z() * 1e-3),
-            corners_px: [(0.0, 0.0), (length_mm, 0.0), (length_mm, width_mm), (0.0, width_mm)]
-                .map(|(u, v)| Px::new(u, v)),
-            corners: [Point::new(0.0, 0.0, 1000.0); 4],
-            key_points_px: [[Px::new(0.0, 0.0); 2]; 4],
-            rms_px: 0.2,
-            stripe_points_px: Default::default(),
-            edge_points_px: Default::default(),
-            uncertainty: SideUncertainty::default(),
-            corner_angles: None,
-            warnings: Vec::new(),
-            surface: Vec::new(),
-            straightness: Default::default(),
-            enclosing: [Estimate::new(length_mm, 0.4), Estimate::new(width_mm, 0.4)],
-            confidence: None,
-        }
     }
 }
