@@ -147,10 +147,13 @@ fn same_corners(a: &FaceMeasurement, b: &FaceMeasurement) -> bool {
 
 /// What is less likely than this is not put together with other faces: it could not change the third digit.
 const LEAST: f64 = 1e-3;
-/// A side that lies between unknown lines has any of so many lengths, mm.
+/// A side that lies between unknown lines has any of so many lengths, mm: an assumption, since flaps, tape and print lie some tens of mm
+/// beside an edge.
 const UNKNOWN_MM: f64 = 60.0;
-/// Three frames show three different pairs of sides; one in so many has a face twice, or opposite ones.
+/// Three frames show three different pairs of sides; in one case of twenty, an assumption, they show a face twice, or opposite ones.
 const TWICE: f64 = 0.05;
+/// Boxes that are told: more than the two likeliest settle nothing.
+pub(crate) const LIKELIEST: usize = 2;
 
 /// What may be true of a frame.
 #[derive(Clone, Copy)]
@@ -273,7 +276,7 @@ pub(crate) fn likeliest_boxes<'a, T>(
         }
     }
     boxes.sort_by(|a, b| b.probability.total_cmp(&a.probability));
-    boxes.truncate(2);
+    boxes.truncate(LIKELIEST);
     boxes
 }
 

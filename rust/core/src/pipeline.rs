@@ -1,6 +1,6 @@
 //! The one place that knows all stages and runs them in order.
 
-use crate::alternatives::{Alternative, Seen, Together, Tried, likeliest_boxes, weighed};
+use crate::alternatives::{Alternative, LIKELIEST, Seen, Together, Tried, likeliest_boxes, weighed};
 use crate::box_depth;
 use crate::calibration::Calibration;
 use crate::confidence;
@@ -550,8 +550,6 @@ fn no_box(best_share: f64) -> Reject {
     Reject::NoBox { best_share, needed_share: MIN_SEEN_SHARE }
 }
 
-/// Boxes that are named where none is likely enough.
-const CANDIDATES: usize = 2;
 /// Frames that make a box: two adjacent faces, or three.
 const FRAMES: RangeInclusive<usize> = 2..=3;
 
@@ -610,7 +608,7 @@ pub fn measure_box_with_hints(
     });
     let mut likeliest: Vec<Candidate> = candidates.collect();
     likeliest.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
-    likeliest.truncate(CANDIDATES);
+    likeliest.truncate(LIKELIEST);
     let mut doubt = None;
     if let Some(Together { faces, agreed: (outcome, warnings, settled), probability }) =
         boxes.into_iter().next()

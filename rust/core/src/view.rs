@@ -37,8 +37,8 @@ impl Way {
         Self { reversed: false, transposed: true },
     ];
 
-    /// Which side of the view as it is becomes side `side`.
-    const fn side_before(self, side: usize) -> usize {
+    /// Which side of the view as it is becomes side `side`, and the other way round.
+    const fn side(self, side: usize) -> usize {
         let side = if self.transposed { (side + 2) % 4 } else { side };
         if self.reversed { side ^ 1 } else { side }
     }
@@ -117,13 +117,8 @@ impl SideOdds {
         // Far from one, so that no way can rule a place out alone.
         let log = |p: f64| share * p.max(1e-9).ln();
         let side = |side: usize| {
-            let all: Vec<&Side> = told
-                .iter()
-                .flat_map(|(way, odds)| {
-                    (0..4).filter(|k| way.side_before(*k) == side).map(|k| &odds.sides[k])
-                })
-                .collect();
-            let mean = |of: &dyn Fn(&Side) -> f64| all.iter().map(|s| log(of(s))).sum::<f64>().exp();
+            let all = told.iter().map(|(way, odds)| &odds.sides[way.side(side)]);
+            let mean = |of: &dyn Fn(&Side) -> f64| all.clone().map(|s| log(of(s))).sum::<f64>().exp();
             let mut places: Vec<f64> = (0..BINS).map(|bin| mean(&|s| s.places[bin])).collect();
             let total = places.iter().sum::<f64>() + mean(&|s| 1.0 - s.places.iter().sum::<f64>());
             places.iter_mut().for_each(|p| *p /= total);

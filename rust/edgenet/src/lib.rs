@@ -169,10 +169,11 @@ impl EdgeNet {
     /// # Errors
     /// The view has another size, or the runtime fails.
     pub fn sides_seen(&self, view: &FaceView, way: Way) -> Result<SideOdds, Error> {
+        const OTHER_VIEW: &str = "sides wants another view";
         if view.values.len() != VIEW.iter().product::<usize>() {
-            return Err(bad_network("sides wants another view"));
+            return Err(bad_network(OTHER_VIEW));
         }
-        let logits = told(&self.sides, &view.turned(way).values, "sides wants another view")?;
+        let logits = told(&self.sides, &view.turned(way).values, OTHER_VIEW)?;
         let broken = || bad_network("sides gives no probabilities; its weights are broken");
         SideOdds::from_logits(&logits).ok_or_else(broken)
     }

@@ -133,10 +133,8 @@ fn report(args: &EvaluateArgs, parts: Vec<Summary>, broken: &[Broken]) -> anyhow
             std::fs::create_dir_all(&folder).with_context(|| format!("{}: cannot make", folder.display()))?;
             let stem = page.file_stem().unwrap_or_default().to_string_lossy().to_lowercase();
             let mut write = |kind: &str, svg: Result<String, String>| {
-                let source = match page::two_of_three(&part.made) {
-                    true => "three-two",
-                    false => &part.made.source,
-                };
+                let source =
+                    if page::two_of_three(&part.made) { "three-two" } else { part.made.source.as_str() };
                 let name = format!("{stem}-{}-{source}-{kind}.svg", index + 1);
                 let path = folder.join(&name);
                 written.push(path.display().to_string());
