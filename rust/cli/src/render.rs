@@ -4,7 +4,7 @@ use crate::Finished;
 use crate::args::{HeadName, RenderArgs};
 use crate::input::Usage;
 use anyhow::Context;
-use boxline_sim::recording::{Hold, Recipe, write_recording};
+use boxline_sim::recording::{Detail, Hold, Recipe, write_recording};
 use boxline_sim::stream::{sample, write_stream};
 use boxline_sim::views::write_views;
 use boxline_sim::{Split, Stock};
@@ -62,6 +62,7 @@ fn recordings(args: &RenderArgs, out: &Path, stock: &Stock) -> anyhow::Result<Fi
             kind,
             off: args.off.then_some(if args.still { Hold::Still } else { Hold::Hand }),
             nominal_head: matches!(args.head, HeadName::Nominal),
+            detail: Detail::Everywhere,
         };
         // A recording appears whole or not at all: it is written beside its place and then moved there.
         let beside = tempfile::Builder::new()

@@ -16,7 +16,7 @@ use boxline_edgenet::{EdgeNet, Options};
 use boxline_proto::json::{read_calibration, read_recording, read_truth};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
-use true_face::{TrueFace, with_truth};
+use true_face::TrueFace;
 
 type Outcome<T> = Result<T, Box<dyn std::error::Error>>;
 
@@ -69,6 +69,15 @@ fn main() -> Outcome<()> {
         }
     }
     Ok(())
+}
+
+/// The recordings with truth in a folder, by name.
+fn with_truth(recordings: &Path) -> std::io::Result<Vec<PathBuf>> {
+    let mut folders: Vec<PathBuf> =
+        std::fs::read_dir(recordings)?.filter_map(|entry| Some(entry.ok()?.path())).collect();
+    folders.retain(|folder| folder.join("truth.json").is_file());
+    folders.sort();
+    Ok(folders)
 }
 
 /// How far the measured side that looks this way is from the true one, and the face's sigma, mm.

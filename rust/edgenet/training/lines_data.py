@@ -4,12 +4,11 @@
     ./run_background.sh runs/lines start lines_data.py --photos photos --faces 10000
     python lines.py --run runs/lines --output ../models/lines.onnx
 
-Renders a few boxes at a time, takes the strips of their faces (../examples/line_strips.rs) and deletes the frames, so that little
-disk is needed. Hazards are as the renderer mixes them. What is made, by split:
+Renders some boxes at a time and takes the strips of their faces (../examples/line_strips.rs); frames are never written. Hazards are as
+the renderer mixes them. What is made, by split:
 
-    learn   --faces of them: half with materials that the edge network has seen (seeds from 100,000,000), half with others
-            (from 150,000,000), on which its maps are worse
-    choose  a tenth as many, with materials that it has not seen (seeds from 200,000,000)
+    learn   --faces of them, with the materials that all networks learn from (seeds from 100,000,000)
+    choose  a twentieth as many, with materials that no network has seen (seeds from 200,000,000)
 
 Folders of strips bear these names in RUN; RUN/made.jsonl has the seeds of all that was made, one line for each few boxes. Strips hold
 the maps of the edge network that ships: with a new one they are made anew, in a new folder.
@@ -17,10 +16,8 @@ the maps of the edge network that ships: with a new one they are made anew, in a
 
 import argparse
 import json
-import shutil
 import subprocess
 import sys
-import tempfile
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +25,7 @@ from pathlib import Path
 import programs
 from stream import WORKSPACE
 
-BOXES = 10  # rendered at a time
+BOXES = 50  # made at a time: photographs are read once for all of them
 
 
 @dataclass(frozen=True)
@@ -41,11 +38,7 @@ class Part:
     share: float
 
 
-PARTS = (
-    Part("learn", 100_000_000, False, 0.5),
-    Part("learn", 150_000_000, True, 0.5),
-    Part("choose", 200_000_000, True, 0.1),
-)
+PARTS = (Part("learn", 100_000_000, False, 1.0), Part("choose", 200_000_000, True, 0.05))
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
@@ -53,9 +46,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     p.add_argument("--run", type=Path, required=True, help="folder of the data")
     p.add_argument("--faces", type=int, default=10_000, help="to learn from")
     p.add_argument("--photos", type=Path, help="photographs for the renderer (photos.sh)")
-    p.add_argument("--renderer", type=Path, help="the boxline program; default: target/release/boxline, built if cargo is there")
-    p.add_argument("--strips", type=Path, help="the built example line_strips; default likewise")
-    p.add_argument("--workers", type=int, default=1, help="boxes that are rendered at a time, in tens")
+    p.add_argument("--strips", type=Path, help="the built example line_strips; default: in target/release, built if cargo is there")
+    p.add_argument("--workers", type=int, default=1, help=f"programs at a time, each for {BOXES} boxes")
     return p.parse_args(arguments)
 
 
@@ -71,23 +63,15 @@ def made(run: Path) -> list[dict]:
     return found
 
 
-def run_program(words: list[str]) -> None:
-    done = subprocess.run(words, cwd=WORKSPACE, capture_output=True, text=True)
-    if done.returncode:
-        raise RuntimeError(f"`{' '.join(words)}` ended with code {done.returncode}: {done.stderr.strip()[-500:]}")
-
-
 def make(part: Part, seed: int, options: argparse.Namespace) -> int:
     """The strips of BOXES boxes; how many faces have some."""
     out = options.run / part.folder
     out.mkdir(parents=True, exist_ok=True)
-    names = [f"{s:03}" for s in range(seed, seed + BOXES)]
-    with tempfile.TemporaryDirectory(dir=options.run, prefix="frames-") as frames:
-        words = [str(options.renderer), "render", "--out", frames, "--seed", str(seed), "--count", str(BOXES)]
-        words += ["--photos", str(options.photos.resolve())] if options.photos else []
-        run_program(words + ["--held-out"] * part.held_out)
-        run_program([str(options.strips), str(out.resolve()), frames])
-    strips = [file for name in names for file in out.glob(f"{name}[a-z].strips")]
+    words = [str(options.strips), str(out.resolve()), str(seed), str(BOXES), "held-out" if part.held_out else "training"]
+    done = subprocess.run(words + ([str(options.photos.resolve())] if options.photos else []), cwd=WORKSPACE, capture_output=True, text=True)
+    if done.returncode:
+        raise RuntimeError(f"`{' '.join(words)}` ended with code {done.returncode}: {done.stderr.strip()[-500:]}")
+    strips = [file for s in range(seed, seed + BOXES) for file in out.glob(f"{s}[a-z].strips")]
     return sum(file.stat().st_size > 0 for file in strips)
 
 
@@ -104,7 +88,7 @@ def wanted_part(options: argparse.Namespace, records: list[dict], running: set[t
     """The part that is furthest from its end, so that all grow together; None if all have enough, what is running counted in."""
 
     def done(part: Part) -> float:
-        own = [r["faces"] for r in records if part.first_seed <= r["seed"] < part.first_seed + 50_000_000]
+        own = [r["faces"] for r in records if r["split"] == part.folder]
         expected = sum(p == part for p, _ in running) * (sum(own) / len(own) if own else BOXES)
         return (sum(own) + expected) / max(1.0, part.share * options.faces)
 
@@ -116,12 +100,9 @@ def main() -> None:
     options = parse()
     options.run.mkdir(parents=True, exist_ok=True)
     options.run = options.run.resolve()
-    if options.renderer is None or options.strips is None:
-        programs.cargo_build("-p", "boxline-cli", "-p", "boxline-edgenet", "--bin", "boxline", "--example", "line_strips")
-    options.renderer = programs.program(options.renderer or programs.RELEASE / "boxline", "--renderer")
+    if options.strips is None:
+        programs.cargo_build("-p", "boxline-edgenet", "--example", "line_strips")
     options.strips = programs.program(options.strips or programs.RELEASE / "examples" / "line_strips", "--strips")
-    for left in options.run.glob("frames-*"):
-        shutil.rmtree(left)  # of a start that was killed
     records = made(options.run)
     # Without the line that was cut off, or the next one would be written behind it.
     whole = options.run / "made.jsonl.whole"

@@ -2,15 +2,16 @@
 
 use crate::error::Error;
 use crate::head::{Head, SENSOR_PX};
-use crate::pose::Refuse;
+use crate::pose::{Refuse, px_of};
 use crate::raster::Raster;
 use crate::render::sensor::{Optics, Sensor};
-use crate::render::{Options, Stage, expose_film};
+use crate::render::{Options, Stage, Window, expose_film, expose_film_around};
 use crate::rng::Rng;
 use crate::stock::Stock;
 use crate::tremor::Motion;
-use crate::truth::{Shot, truth};
+use crate::truth::{Shot, face_of, truth};
 use crate::world::{Plan, Scene, View, compose};
+use boxline::Px;
 use jpeg_encoder::{ChromaSubsamplingMethod, ColorType, Encoder, SamplingFactor};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -41,6 +42,28 @@ pub enum Hold {
     Still,
 }
 
+/// How finely frames are drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Detail {
+    /// Each pixel by itself.
+    Everywhere,
+    /// Only the face and what borders it; the rest as coarsely as the networks see it. For those that learn from faces.
+    AroundFace,
+}
+
+/// How a frame is taken.
+#[derive(Clone, Copy, Debug)]
+pub struct Exposure {
+    /// Whether the lasers are on.
+    pub lasers: bool,
+    /// Lens, motion, noise and speckle follow from it.
+    pub seed: u64,
+    /// Which optics.
+    pub optics: Optics,
+    /// How finely it is drawn.
+    pub detail: Detail,
+}
+
 /// What to write.
 #[derive(Clone, Copy, Debug)]
 pub struct Recipe {
@@ -52,7 +75,12 @@ pub struct Recipe {
     pub off: Option<Hold>,
     /// The paper's head instead of a random one.
     pub nominal_head: bool,
+    /// How finely.
+    pub detail: Detail,
 }
+
+/// What is drawn finely around a face, sensor px: as far as stripes and edges beside it tell where it ends.
+const AROUND_FACE_PX: f64 = 160.0;
 
 /// A frame as the head delivers it: 2592 x 1944, RGB bytes.
 #[must_use]
@@ -64,27 +92,45 @@ pub fn full_frame(
     seed: u64,
     stock: &Stock,
 ) -> Vec<u8> {
-    full_frame_through(head, scene, view, lasers, seed, stock, Optics::AsFound)
+    let exposure = Exposure { lasers, seed, optics: Optics::AsFound, detail: Detail::Everywhere };
+    expose_full_frame(head, scene, view, &exposure, stock)
 }
 
-/// The same through given optics.
+/// The same, taken otherwise.
 #[must_use]
-pub fn full_frame_through(
+pub fn expose_full_frame(
     head: &Head,
     scene: &Scene,
     view: &View,
-    lasers: bool,
-    seed: u64,
+    exposure: &Exposure,
     stock: &Stock,
-    optics: Optics,
 ) -> Vec<u8> {
+    let Exposure { lasers, seed, optics, detail } = *exposure;
     // What belongs to the view (lens, motion, balance) is the same with lasers off; noise and speckle are not.
     let mut of_view = Rng::new(seed, 0x5E45);
     let sensor = Sensor::random(&mut of_view, scene.light.noise).with_optics(optics);
     let mut of_frame = Rng::new(seed, 0xF0A0 + u64::from(lasers));
     let options = Options { lasers, speckle: true, seed: u64::from(of_frame.bits()) };
     let stage = Stage::new(scene, view, head, Raster::full(SENSOR_PX), &stock.photos, options);
-    sensor.develop(&expose_film(&stage), 1.0, &mut of_frame)
+    let film = match detail {
+        Detail::Everywhere => expose_film(&stage),
+        Detail::AroundFace => expose_film_around(&stage, around_face(head, scene, view)),
+    };
+    sensor.develop(&film, 1.0, &mut of_frame)
+}
+
+/// Columns and rows around a view's face; all if there is none or a corner is behind the camera.
+fn around_face(head: &Head, scene: &Scene, view: &View) -> Window {
+    let corners = face_of(scene, view).map(|pose| pose.corners().map(|corner| px_of(head, &corner)));
+    let corners: Option<Vec<Px>> = corners.and_then(|corners| corners.into_iter().collect());
+    let span = |place: fn(&Px) -> f64, end: u32| {
+        let Some(corners) = &corners else { return [0, end as usize] };
+        let (low, high) =
+            corners.iter().map(place).fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(x), h.max(x)));
+        // Casts saturate: what is to the left of the frame begins at 0.
+        [(low - AROUND_FACE_PX) as usize, ((high + AROUND_FACE_PX) as usize).min(end as usize)]
+    };
+    [span(|px| px.u, SENSOR_PX[0]), span(|px| px.v, SENSOR_PX[1])]
 }
 
 /// Encodes a full frame as JPEG with the quality that its seed says (85 to 95).
@@ -124,7 +170,7 @@ pub fn render_recording(
     stock: &Stock,
     mut put: impl FnMut(&str, Vec<u8>) -> Result<(), Error>,
 ) -> Result<(), Error> {
-    let Recipe { seed, kind, off, nominal_head } = *recipe;
+    let Recipe { seed, kind, off, nominal_head, detail } = *recipe;
     let head = if nominal_head { Head::nominal()? } else { Head::random(&mut Rng::new(seed, 1))? };
     let mut rng = Rng::new(seed, 2);
     let mut scenes = Vec::new();
@@ -172,7 +218,9 @@ pub fn render_recording(
         let mut shots = vec![(id.clone(), "on", *view)];
         shots.extend(motion.map(|m| (format!("{id}_off"), "off", m.moved(view))));
         for (name, laser, view) in shots {
-            let rgb = full_frame(&head, scene, &view, laser == "on", frame_seed, stock);
+            let exposure =
+                Exposure { lasers: laser == "on", seed: frame_seed, optics: Optics::AsFound, detail };
+            let rgb = expose_full_frame(&head, scene, &view, &exposure, stock);
             put(&format!("{name}.jpg"), jpeg(&rgb, frame_seed)?)?;
             frames.push(json!({"id": name, "file": format!("{name}.jpg"), "role": "face", "laser": laser}));
         }

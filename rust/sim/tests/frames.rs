@@ -9,7 +9,7 @@ use boxline_sim::labels::{CHANNELS, labels};
 use boxline_sim::material::kinds::words;
 use boxline_sim::pose::Refuse;
 use boxline_sim::recording::jpeg;
-use boxline_sim::render::{Film, Options, Stage, expose_film};
+use boxline_sim::render::{Film, Options, Stage, expose_film, expose_film_around};
 use boxline_sim::stream::{FRAME_PX, header, sample, write_stream};
 use boxline_sim::truth::face_of;
 use boxline_sim::views::view_sample;
@@ -312,4 +312,29 @@ fn encoding_does_not_shift_a_red_stripe() {
         }
         assert!((off / rows).abs() < 0.1, "seed {seed}: {} px", off / rows);
     }
+}
+
+/// What learns from faces sees them as drawn everywhere, and less of what is far off.
+#[test]
+fn a_frame_drawn_finely_around_its_face_is_the_same_there() {
+    let (head, scene) = flat_scene();
+    let stock = Stock::default();
+    let options = Options { lasers: true, speckle: true, seed: 4 };
+    let raster = Raster::full(SENSOR_PX);
+    let stage = Stage::new(&scene, &scene.views[0], &head, raster, &stock.photos, options);
+    let window = [[800, 1200], [600, 1003]];
+    let (all, part) = (expose_film(&stage), expose_film_around(&stage, window));
+    let mut coarse = 0;
+    for row in 0..all.height {
+        for column in 0..all.width {
+            let at = row * all.width + column;
+            let inside = [column, row].iter().zip(window).all(|(i, [from, to])| (from..to).contains(i));
+            // A pixel at the border may have a coarse neighbour.
+            let well_inside =
+                [column, row].iter().zip(window).all(|(i, [from, to])| (from + 1..to - 1).contains(i));
+            assert!(!well_inside || all.light[at] == part.light[at], "column {column}, row {row}");
+            coarse += usize::from(!inside && all.light[at] != part.light[at]);
+        }
+    }
+    assert!(coarse > 1_000_000, "{coarse}");
 }

@@ -1,17 +1,7 @@
-//! Recordings with known truth, and how far a line is from a true side: for the programs that learn from lines.
+//! How far a line is from a true side: for the programs that learn from lines.
 
 use boxline::Px;
 use boxline_proto::json::TruthFace;
-use std::path::{Path, PathBuf};
-
-/// The recordings with truth in a folder, by name.
-pub fn with_truth(recordings: &Path) -> std::io::Result<Vec<PathBuf>> {
-    let mut folders: Vec<PathBuf> =
-        std::fs::read_dir(recordings)?.filter_map(|entry| Some(entry.ok()?.path())).collect();
-    folders.retain(|folder| folder.join("truth.json").is_file());
-    folders.sort();
-    Ok(folders)
-}
 
 /// The true face in a frame.
 pub struct TrueFace {

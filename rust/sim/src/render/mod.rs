@@ -9,5 +9,5 @@ pub mod prepare;
 pub mod sensor;
 pub mod shade;
 
-pub use film::{Film, expose_film};
+pub use film::{Film, Window, expose_film, expose_film_around};
 pub use prepare::{Options, Stage};

@@ -23,7 +23,7 @@ use boxline::{
 };
 use boxline_edgenet::{EdgeMapNet, EdgeNet, Options};
 use boxline_proto::json::read_calibration;
-use boxline_sim::recording::{full_frame_through, jpeg};
+use boxline_sim::recording::{Detail, Exposure, expose_full_frame, jpeg};
 use boxline_sim::rng::mix;
 use boxline_sim::world::Scene;
 use boxline_sim::world::twin::trembled;
@@ -253,7 +253,8 @@ impl Bench {
     /// A full frame through the camera's JPEG.
     fn frame(&self, scene: &Scene, view: usize, seed: u64, subject: &Subject) -> anyhow::Result<Frame> {
         let view = &scene.views[view];
-        let rgb = full_frame_through(&self.head, scene, view, true, seed, &self.stock, subject.optics);
+        let exposure = Exposure { lasers: true, seed, optics: subject.optics, detail: Detail::Everywhere };
+        let rgb = expose_full_frame(&self.head, scene, view, &exposure, &self.stock);
         Ok(Frame::from_jpeg(&jpeg(&rgb, seed)?)?)
     }
 
