@@ -38,6 +38,8 @@ fn flipped(frame: &Frame, calibration: &Calibration, x: bool, y: bool) -> (Frame
         cx: if x { w as f64 - 1.0 - c.cx } else { c.cx },
         cy: if y { h as f64 - 1.0 - c.cy } else { c.cy },
         skew: if x != y { -c.skew } else { c.skew },
+        p1: if y { -c.p1 } else { c.p1 },
+        p2: if x { -c.p2 } else { c.p2 },
         ..c
     };
     let sign = |flip: bool| if flip { -1.0 } else { 1.0 };
@@ -51,7 +53,7 @@ fn transposed(frame: &Frame, calibration: &Calibration) -> (Frame, Calibration) 
     let image = moved(frame, h, w, |u, v| (v, u));
     let c = *calibration.camera();
     assert_eq!(c.skew, 0.0);
-    let camera = CameraModel { fx: c.fy, fy: c.fx, cx: c.cy, cy: c.cx, ..c };
+    let camera = CameraModel { fx: c.fy, fy: c.fx, cx: c.cy, cy: c.cx, p1: c.p2, p2: c.p1, ..c };
     let planes = LaserId::ALL.map(|id| {
         let p = calibration.laser(id).per_mm;
         [p.y, p.x, p.z, -1.0]

@@ -1,7 +1,8 @@
 //! The JSON readers: the recordings of `tests/data` read whole, files survive being written, broken ones are explained.
 #![allow(clippy::unwrap_used)] // the helpers of tests are tests
 
-use boxline::{Calibration, Error, ErrorKind};
+use boxline::calib::{CalibrationCovariance, PAPER_PARAMETERS, PARAMETERS};
+use boxline::{Calibration, CameraModel, Error, ErrorKind, LaserId};
 use boxline_proto::json::{
     Laser, Role, TruthLine, TruthNotes, calibration_json, parse_board, parse_calibration, parse_recording,
     parse_truth, read_board, read_calibration, read_recording, read_truth, recording_json, write_json,
@@ -142,6 +143,35 @@ fn expect(result: Result<impl std::fmt::Debug, Error>, kind: ErrorKind, parts: &
         assert!(text.contains(part), "{part:?} is not in {text:?}");
     }
     assert!(text.len() < 300, "{text}");
+}
+
+#[test]
+fn a_lens_with_more_terms_brings_them_and_their_covariance() {
+    let paper = calibration();
+    let value = calibration_json(&paper);
+    assert!(value["camera"].get("p1").is_none() && value["camera"].get("k3").is_none());
+    let camera = CameraModel { p1: 0.0078, p2: -0.003, k3: 0.05, ..*paper.camera() };
+    let planes = LaserId::ALL.map(|id| {
+        let p = paper.laser(id).per_mm;
+        [p.x, p.y, p.z, -1.0]
+    });
+    let size = [paper.width_px(), paper.height_px()];
+    let variances = |known: usize| {
+        let own = |i: usize| if i < known { 1e-6 * (i + 1) as f64 } else { 0.0 };
+        CalibrationCovariance::from_fn(|i, j| if i == j { own(i) } else { 0.0 })
+    };
+    for (camera, known) in [(camera, PARAMETERS), (*paper.camera(), PAPER_PARAMETERS)] {
+        let whole = Calibration::new("SIM-0001", size, camera, planes).unwrap();
+        let whole = whole.with_covariance(variances(known)).unwrap();
+        let value = calibration_json(&whole);
+        assert_eq!(value["covariance"].as_array().unwrap().len(), known);
+        assert_eq!(value["covariance"][0].as_array().unwrap().len(), known);
+        assert_eq!(parse_calibration(value.to_string().as_bytes(), "head.json").unwrap(), whole);
+        let mut short = value;
+        short["covariance"].as_array_mut().unwrap().pop();
+        let wrong = parse_calibration(short.to_string().as_bytes(), "head.json").unwrap_err();
+        assert!(wrong.to_string().contains("head.json: covariance"), "{wrong}");
+    }
 }
 
 #[test]

@@ -249,6 +249,12 @@ fn calibrations_and_recordings_there_and_back() {
     let json = std::fs::read(data.join("calibration_set/calibration.json")).unwrap();
     let calibration = parse_calibration(&json, "x").unwrap();
     assert_eq!(decode_calibration(&encode_calibration(&calibration)).unwrap(), calibration);
+    let mut more: serde_json::Value = serde_json::from_slice(&json).unwrap();
+    for (term, value) in [("p1", 0.0078), ("p2", -0.003), ("k3", 0.05)] {
+        more["camera"][term] = value.into();
+    }
+    let more = parse_calibration(more.to_string().as_bytes(), "x").unwrap();
+    assert_eq!(decode_calibration(&encode_calibration(&more)).unwrap(), more);
     let json = std::fs::read(data.join("b02/recording.json")).unwrap();
     let recording = parse_recording(&json, "x", Path::new("x")).unwrap();
     assert_eq!(decode_recording(&encode_recording(&recording).unwrap(), Path::new("x")).unwrap(), recording);

@@ -4,7 +4,7 @@
     python tests/opencv/projection_pins.py          # prints the tables of camera_pins.rs
 
 boxline's distortion polynomial goes from the distorted to the ideal coordinate, OpenCV's the other way. So OpenCV's
-projectPoints (K = I, coefficients k1, k2, 0, 0), fed with the *distorted* coordinate, returns boxline's ideal ray, and
+projectPoints (K = I, coefficients k1, k2, p1, p2, k3), fed with the *distorted* coordinate, returns boxline's ideal ray, and
 OpenCV's undistortPoints takes an ideal ray back to the distorted coordinate. K itself is applied as a homography, because
 OpenCV's cameras have no skew.
 """
@@ -18,6 +18,7 @@ VERSION = "5.0.0.93"  # of opencv-python-headless when the tables were made
 CAMERAS = {
     "HEAD": dict(fx=2458.9172, fy=2453.81, skew=0.0, cx=1239.5188, cy=1032.559, k1=-0.03415937, k2=0.321070446),
     "SKEWED": dict(fx=2310.25, fy=2295.5, skew=3.75, cx=1311.0, cy=950.25, k1=0.11, k2=0.043),
+    "DECENTRED": dict(fx=2401.5, fy=2399.25, skew=0.0, cx=1288.75, cy=990.5, k1=-0.08, k2=0.21, p1=0.0078, p2=-0.0043, k3=-0.12),
 }
 LASERS = [
     (0.0079291, -0.00817394, 0.00018065),
@@ -39,16 +40,20 @@ def homography(matrix, points):
     return cv2.perspectiveTransform(np.asarray(points, float).reshape(-1, 1, 2), matrix).reshape(-1, 2)
 
 
+def coefficients_of(c):
+    return np.array([c["k1"], c["k2"], c.get("p1", 0.0), c.get("p2", 0.0), c.get("k3", 0.0)])
+
+
 def rays_from_px(c, px):
     distorted = homography(np.linalg.inv(k_of(c)), px)
-    coefficients = np.array([c["k1"], c["k2"], 0, 0])
+    coefficients = coefficients_of(c)
     points = np.column_stack([distorted, np.ones(len(distorted))])
     ideal, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), I, coefficients)
     return ideal.reshape(-1, 2)
 
 
 def px_from_rays(c, rays):
-    coefficients = np.array([c["k1"], c["k2"], 0, 0])
+    coefficients = coefficients_of(c)
     criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 500, 1e-16)
     points = np.asarray(rays, float).reshape(-1, 1, 2)
     distorted = cv2.undistortPoints(points, I, coefficients, criteria=criteria)

@@ -1,10 +1,10 @@
-//! `calibration.json`, format `boxline-calibration/1`. Optional keys: `covariance`, 18 x 18, of fx, fy, cx, cy, k1, k2 and the
-//! four planes as `p . X = 1`, p = -(a, b, c) / d in 1/mm; `residuals` and `provenance`, which `boxline calibrate` writes for
-//! people and nothing reads.
+//! `calibration.json`, format `boxline-calibration/1`. Optional keys: `camera.p1`, `camera.p2`, `camera.k3`, 0 if they are not there;
+//! `covariance`, of fx, fy, cx, cy, k1, k2 and the four planes as `p . X = 1`, p = -(a, b, c) / d in 1/mm, 18 x 18, or with p1, p2, k3
+//! after them 21 x 21; `residuals` and `provenance`, which `boxline calibrate` writes for people and nothing reads.
 
 use super::field::{Field, parse};
 use super::file;
-use boxline::calib::CalibrationCovariance;
+use boxline::calib::{CalibrationCovariance, PAPER_PARAMETERS, PARAMETERS};
 use boxline::{Calibration, CameraModel, Error, ErrorKind, LaserId};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -21,6 +21,7 @@ pub fn parse_calibration(bytes: &[u8], name: &str) -> Result<Calibration, Error>
     root.check_format(FORMAT)?;
     let camera = root.get("camera")?;
     let number = |key: &str| camera.get(key)?.number();
+    let term = |key: &str| camera.optional(key)?.map_or(Ok(0.0), |field| field.number());
     let camera = CameraModel {
         fx: number("fx")?,
         fy: number("fy")?,
@@ -29,6 +30,9 @@ pub fn parse_calibration(bytes: &[u8], name: &str) -> Result<Calibration, Error>
         cy: number("cy")?,
         k1: number("k1")?,
         k2: number("k2")?,
+        p1: term("p1")?,
+        p2: term("p2")?,
+        k3: term("k3")?,
     };
     let serial = root.get("serial")?.text()?;
     let image_size_px = root.get("image_size")?.array(Field::count)?;
@@ -36,10 +40,22 @@ pub fn parse_calibration(bytes: &[u8], name: &str) -> Result<Calibration, Error>
     let calibration =
         Calibration::new(serial, image_size_px, camera, laser_planes).map_err(|e| e.in_context(name))?;
     let Some(covariance) = root.optional("covariance")? else { return Ok(calibration) };
-    let rows: [[f64; 18]; 18] = covariance.array(Field::numbers)?;
-    calibration
-        .with_covariance(CalibrationCovariance::from_fn(|i, j| rows[i][j]))
-        .map_err(|e| e.in_context(name))
+    let rows = covariance.list()?;
+    let size = if rows.len() == PAPER_PARAMETERS { PAPER_PARAMETERS } else { PARAMETERS };
+    let mut values = CalibrationCovariance::zeros();
+    if rows.len() != size {
+        return Err(covariance.wrong("a list of 18 or 21"));
+    }
+    for (i, row) in rows.iter().enumerate() {
+        let row = row.list()?;
+        if row.len() != size {
+            return Err(rows[i].wrong(&format!("a list of {size}")));
+        }
+        for (j, value) in row.iter().enumerate() {
+            values[(i, j)] = value.number()?;
+        }
+    }
+    calibration.with_covariance(values).map_err(|e| e.in_context(name))
 }
 
 /// Reads a calibration file.
@@ -65,9 +81,16 @@ pub fn calibration_json(calibration: &Calibration) -> Value {
         "camera": {"fx": c.fx, "fy": c.fy, "skew": c.skew, "cx": c.cx, "cy": c.cy, "k1": c.k1, "k2": c.k2},
         "laser_planes": LaserId::ALL.map(plane),
     });
+    if !c.has_paper_lens() {
+        for (key, term) in [("p1", c.p1), ("p2", c.p2), ("k3", c.k3)] {
+            value["camera"][key] = json!(term);
+        }
+    }
     if let Some(covariance) = calibration.covariance() {
-        let row = |i: usize| covariance.row(i).iter().copied().collect::<Vec<f64>>();
-        value["covariance"] = json!((0..18).map(row).collect::<Vec<_>>());
+        let more = (PAPER_PARAMETERS..PARAMETERS).any(|i| covariance[(i, i)] > 0.0);
+        let size = if more { PARAMETERS } else { PAPER_PARAMETERS };
+        let row = |i: usize| covariance.row(i).iter().take(size).copied().collect::<Vec<f64>>();
+        value["covariance"] = json!((0..size).map(row).collect::<Vec<_>>());
     }
     value
 }

@@ -64,7 +64,7 @@ impl<'a> Field<'a> {
         Error::new(self.kind, format!("{}: {path}: {text}", self.file))
     }
 
-    fn wrong(&self, needed: &str) -> Error {
+    pub fn wrong(&self, needed: &str) -> Error {
         self.error(format_args!("found {}, {needed} is needed", describe(self.value)))
     }
 

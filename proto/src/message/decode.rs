@@ -306,7 +306,8 @@ fn reject(message: v1::Reject) -> Result<Reject, Error> {
 pub(super) fn calibration(message: v1::Calibration) -> Result<Calibration, Error> {
     let invalid = |text: String| Error::new(ErrorKind::InvalidCalibration, text);
     let c = message.camera.ok_or_else(|| invalid("camera: missing".to_owned()))?;
-    let camera = CameraModel { fx: c.fx, fy: c.fy, skew: c.skew, cx: c.cx, cy: c.cy, k1: c.k1, k2: c.k2 };
+    let v1::Camera { fx, fy, skew, cx, cy, k1, k2, p1, p2, k3 } = c;
+    let camera = CameraModel { fx, fy, skew, cx, cy, k1, k2, p1, p2, k3 };
     let planes: Vec<_> = message.laser_planes.iter().map(|p| [p.a, p.b, p.c, p.d]).collect();
     let planes = <[[f64; 4]; 4]>::try_from(planes)
         .map_err(|found| invalid(format!("laser_planes: found {}, 4 are needed", found.len())))?;

@@ -160,7 +160,18 @@ pub(super) fn calibration(calibration: &Calibration) -> v1::Calibration {
         serial: calibration.serial().to_owned(),
         width_px: calibration.width_px(),
         height_px: calibration.height_px(),
-        camera: Some(v1::Camera { fx: c.fx, fy: c.fy, skew: c.skew, cx: c.cx, cy: c.cy, k1: c.k1, k2: c.k2 }),
+        camera: Some(v1::Camera {
+            fx: c.fx,
+            fy: c.fy,
+            skew: c.skew,
+            cx: c.cx,
+            cy: c.cy,
+            k1: c.k1,
+            k2: c.k2,
+            p1: c.p1,
+            p2: c.p2,
+            k3: c.k3,
+        }),
         laser_planes: LaserId::ALL.map(laser_plane).to_vec(),
     }
 }

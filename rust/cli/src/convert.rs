@@ -40,6 +40,8 @@ pub enum Model {
     Opencv,
 }
 
+/// More than this is another lens: a pixel at the sensor's corner is 0.4 mm on a face at 1 m.
+const MOST_LEFT_PX: f64 = 1.0;
 /// Files of a camera have a few hundred bytes.
 const MAX_BYTES: u64 = 1 << 20;
 
@@ -73,8 +75,15 @@ pub fn convert(args: &ConvertArgs) -> anyhow::Result<Finished> {
             .ok_or_else(|| named("the distortion has no inverse".into()))?;
         (opencv_json(&camera, width, height), residual)
     };
-    write_json(&args.output, &value)?;
     let RefitResidual { rms_px, max_px } = residual;
+    if max_px > MOST_LEFT_PX {
+        let from = args.camera.as_ref().unwrap_or(&args.calibration);
+        let text = format!(
+            "the other model cannot have this lens: {max_px:.3} px would be left, {MOST_LEFT_PX} px at most are allowed"
+        );
+        return Err(Error::new(ErrorKind::InvalidCalibration, text).in_context(from.display()).into());
+    }
+    write_json(&args.output, &value)?;
     let stdout = if args.json {
         json!({"outcome": "converted", "rms_px": rms_px, "max_px": max_px}).to_string()
     } else {

@@ -370,6 +370,22 @@ fn a_camera_goes_to_opencv_and_back() {
     broken(&|v| v["distortion_coefficients"]["data"] = json!(vec![0.1; 8]), "8 numbers");
     broken(&|v| v["camera_matrix"] = json!(null), "camera_matrix");
     broken(&|v| v["camera_matrix"]["data"][0] = json!(-5.0), "focal");
+    // A lens that our terms leave 27 px of at the corners is none of ours.
+    let mut value = good.clone();
+    value["distortion_coefficients"]["data"] = json!([0.04, -0.39, 0.01, 0.02, 0.24]);
+    let file = place("wild.json");
+    std::fs::write(&file, value.to_string()).unwrap();
+    let output = from(&file);
+    assert_eq!(output.status.code(), Some(2), "{}", stdout(&output));
+    assert!(stderr(&output).contains("wild.json") && stderr(&output).contains("px"), "{}", stderr(&output));
+    assert!(!back.exists());
+    // A decentred one is.
+    value["distortion_coefficients"]["data"] = json!([0.03, -0.06, 0.0078, -0.003, 0.03]);
+    std::fs::write(&file, value.to_string()).unwrap();
+    assert_eq!(from(&file).status.code(), Some(0));
+    let term = read(&back)["camera"]["p1"].as_f64().unwrap();
+    assert!((term + 0.0078).abs() < 2e-3, "{term}");
+    std::fs::remove_file(&back).unwrap();
     let mut skewed = there.clone();
     skewed["camera"]["skew"] = json!(2.5);
     let file = place("skewed.json");

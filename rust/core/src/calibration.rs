@@ -6,9 +6,18 @@ use crate::frames::{Cam, Plane};
 use crate::units::LaserId;
 use nalgebra::{SMatrix, Vector3};
 
-/// Covariance of fx, fy, cx, cy, k1, k2 (px, and 1 for the last two) and of the four planes `p . X = 1` (x, y, z each, laser
-/// 1 first, 1/mm).
-pub type CalibrationCovariance = SMatrix<f64, 18, 18>;
+/// Parameters of a calibration: fx, fy, cx, cy, k1, k2 (px, and 1 for the last two), the four planes `p . X = 1` (x, y, z each, laser
+/// 1 first, 1/mm), p1, p2, k3.
+pub const PARAMETERS: usize = 21;
+/// Those of a lens as the paper has it: the first.
+pub const PAPER_PARAMETERS: usize = 18;
+/// First parameter of the planes.
+pub(crate) const PLANES: usize = 6;
+/// The camera's parameters.
+pub(crate) const CAMERA: [usize; 9] = [0, 1, 2, 3, 4, 5, 18, 19, 20];
+
+/// Covariance of a calibration's parameters. Terms that the lens has not are known to be 0: no variance.
+pub type CalibrationCovariance = SMatrix<f64, PARAMETERS, PARAMETERS>;
 
 /// A head's calibration. Built only by [`Calibration::new`], which checks every number.
 #[derive(Clone, Debug, PartialEq)]
@@ -90,7 +99,7 @@ impl Calibration {
     /// [`ErrorKind::InvalidCalibration`] unless all numbers are finite, the matrix is symmetric and no variance negative.
     pub fn with_covariance(mut self, covariance: CalibrationCovariance) -> Result<Self, Error> {
         let invalid = |text: String| Error::new(ErrorKind::InvalidCalibration, text);
-        for i in 0..18 {
+        for i in 0..PARAMETERS {
             let variance = covariance[(i, i)];
             if !variance.is_finite() || variance < 0.0 {
                 return Err(invalid(format!("covariance[{i}][{i}] is {variance}, a variance is needed")));

@@ -1,15 +1,23 @@
 //! The camera: the only doors between [`Px`] and rays. Paper eqs. 1-3.
 //!
-//! `K = [[fx, skew, cx], [0, fy, cy], [0, 0, 1]]`; `(xd, yd, 1) = K^-1 (u, v, 1)` is the *distorted* normalised
-//! coordinate and `x = xd (1 + k1 r^2 + k2 r^4)`, `r^2 = xd^2 + yd^2` the ideal one (eq. 3): the polynomial goes from
-//! distorted to ideal, the opposite way to OpenCV's. So pixel to ray is closed, ray to pixel iterates.
+//! `K = [[fx, skew, cx], [0, fy, cy], [0, 0, 1]]`; `(xd, yd, 1) = K^-1 (u, v, 1)` is the *distorted* normalised coordinate,
+//! `r^2 = xd^2 + yd^2`, and the ideal one is
+//!
+//! ```text
+//! x = xd (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 xd yd + p2 (r^2 + 2 xd^2)
+//! y = yd (1 + k1 r^2 + k2 r^4 + k3 r^6) + p1 (r^2 + 2 yd^2) + 2 p2 xd yd
+//! ```
+//!
+//! The paper has k1 and k2 (eq. 3). k3, and p1 and p2 for a lens that is not centred on the axis (Brown, "Decentering distortion of
+//! lenses", Photogrammetric Engineering 32, 1966), are 0 unless a calibration found that they are needed. The polynomial goes from distorted to
+//! ideal, the opposite way to OpenCV's. So pixel to ray is closed, ray to pixel iterates.
 
 use crate::error::{Error, ErrorKind};
 use crate::frames::{Cam, Point, Ray};
 use crate::units::Px;
 use nalgebra::{Matrix2, Vector2};
 
-/// Intrinsics and radial distortion of the head's camera.
+/// Intrinsics and distortion of the head's camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraModel {
     /// Focal length along the rows, px.
@@ -26,27 +34,46 @@ pub struct CameraModel {
     pub k1: f64,
     /// Coefficient of r^4.
     pub k2: f64,
+    /// Decentring along the columns.
+    pub p1: f64,
+    /// Decentring along the rows.
+    pub p2: f64,
+    /// Coefficient of r^6.
+    pub k3: f64,
 }
 
 /// Newton steps of [`CameraModel::px_from_ray`]; it converges quadratically, 2 to 4 are used.
 const MAX_STEPS: usize = 30;
+/// Least slope of ideal over distorted: below, the polynomial turns back.
+const LEAST_SLOPE: f64 = 0.05;
 
 impl CameraModel {
+    /// A focal length of 1 px and nothing else: what is not named in a camera with fewer terms.
+    pub const PINHOLE: Self =
+        Self { fx: 1.0, fy: 1.0, skew: 0.0, cx: 0.0, cy: 0.0, k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0, k3: 0.0 };
+
+    /// Whether the distortion is the paper's: k1 and k2 alone.
+    #[must_use]
+    pub fn has_paper_lens(&self) -> bool {
+        self.is_centred() && self.k3 == 0.0
+    }
+
+    fn is_centred(&self) -> bool {
+        self.p1 == 0.0 && self.p2 == 0.0
+    }
+
     /// The ideal ray of a pixel, closed form (eq. 3).
     #[must_use]
     pub fn ray_from_px(&self, px: Px) -> Ray<Cam> {
-        let d = self.distorted_from_px(px);
-        let scale = self.ideal_per_distorted(d.norm_squared());
-        Ray::new(d.x * scale, d.y * scale)
+        self.ray_from_distorted(self.distorted_from_px(px))
     }
 
     /// The ideal ray of a pixel and its derivative: columns d(x, y)/du and d(x, y)/dv.
     #[must_use]
     pub fn ray_from_px_with_jacobian(&self, px: Px) -> (Ray<Cam>, Matrix2<f64>) {
         let d = self.distorted_from_px(px);
-        let scale = self.ideal_per_distorted(d.norm_squared());
         let k_inverse = Matrix2::new(1.0 / self.fx, -self.skew / (self.fx * self.fy), 0.0, 1.0 / self.fy);
-        (Ray::new(d.x * scale, d.y * scale), self.ideal_by_distorted(d) * k_inverse)
+        (self.ray_from_distorted(d), self.ideal_by_distorted(d) * k_inverse)
     }
 
     /// The pixel of an ideal ray; `None` where the distortion polynomial has no inverse (far outside the image).
@@ -61,12 +88,21 @@ impl CameraModel {
         if radius < 1e-15 {
             return Some(self.px_from_distorted(ideal));
         }
-        // Newton on rho (1 + k1 rho^2 + k2 rho^4) = radius: the direction does not change.
+        let distorted = if self.is_centred() {
+            ideal * (self.distorted_radius(radius)? / radius)
+        } else {
+            self.distorted_from_ideal(ideal)?
+        };
+        Some(self.px_from_distorted(distorted))
+    }
+
+    /// Newton on rho (1 + k1 rho^2 + k2 rho^4 + k3 rho^6) = radius: without decentring the direction does not change.
+    fn distorted_radius(&self, radius: f64) -> Option<f64> {
         let mut rho = radius;
         for _ in 0..MAX_STEPS {
             let r2 = rho * rho;
-            let slope = 1.0 + r2 * (3.0 * self.k1 + 5.0 * self.k2 * r2);
-            if slope <= 0.05 {
+            let slope = 1.0 + r2 * (3.0 * self.k1 + r2 * (5.0 * self.k2 + 7.0 * self.k3 * r2));
+            if slope <= LEAST_SLOPE {
                 return None; // the polynomial turns back here
             }
             let step = (rho * self.ideal_per_distorted(r2) - radius) / slope;
@@ -77,8 +113,27 @@ impl CameraModel {
             }
         }
         let residual = rho * self.ideal_per_distorted(rho * rho) - radius;
-        (residual.abs() < 1e-12 * (1.0 + radius) && rho > 0.0)
-            .then(|| self.px_from_distorted(ideal * (rho / radius)))
+        (residual.abs() < 1e-12 * (1.0 + radius) && rho > 0.0).then_some(rho)
+    }
+
+    /// The same in two dimensions.
+    fn distorted_from_ideal(&self, ideal: Vector2<f64>) -> Option<Vector2<f64>> {
+        let off = |d: Vector2<f64>| self.ray_from_distorted(d).xy1.xy() - ideal;
+        let mut d = ideal;
+        for _ in 0..MAX_STEPS {
+            let slope = self.ideal_by_distorted(d);
+            // The slope is symmetric; its smaller eigenvalue.
+            let (mean, half) = (0.5 * slope.trace(), 0.5 * (slope[(0, 0)] - slope[(1, 1)]));
+            if !(mean - half.hypot(slope[(0, 1)]) > LEAST_SLOPE) {
+                return None;
+            }
+            let step = slope.try_inverse()? * off(d);
+            d -= step;
+            if step.norm() < 1e-9 * (1.0 + d.norm()) {
+                break;
+            }
+        }
+        (off(d).norm() < 1e-12 * (1.0 + ideal.norm())).then_some(d)
     }
 
     /// The pixel of a point in front of the camera.
@@ -109,6 +164,9 @@ impl CameraModel {
             ("cy", self.cy),
             ("k1", self.k1),
             ("k2", self.k2),
+            ("p1", self.p1),
+            ("p2", self.p2),
+            ("k3", self.k3),
         ];
         for (name, value) in named {
             if !value.is_finite() {
@@ -130,16 +188,36 @@ impl CameraModel {
     }
 
     fn ideal_per_distorted(&self, r2: f64) -> f64 {
-        1.0 + r2 * (self.k1 + self.k2 * r2)
+        1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3))
     }
 
-    fn ideal_by_distorted(&self, d: Vector2<f64>) -> Matrix2<f64> {
+    fn ray_from_distorted(&self, d: Vector2<f64>) -> Ray<Cam> {
         let r2 = d.norm_squared();
-        let radial = 2.0 * (self.k1 + 2.0 * self.k2 * r2);
-        Matrix2::identity() * self.ideal_per_distorted(r2) + d * d.transpose() * radial
+        let scale = self.ideal_per_distorted(r2);
+        if self.is_centred() {
+            return Ray::new(d.x * scale, d.y * scale);
+        }
+        let both = 2.0 * d.x * d.y;
+        Ray::new(
+            d.x * scale + self.p1 * both + self.p2 * (r2 + 2.0 * d.x * d.x),
+            d.y * scale + self.p1 * (r2 + 2.0 * d.y * d.y) + self.p2 * both,
+        )
     }
 
-    fn distorted_from_px(&self, px: Px) -> Vector2<f64> {
+    /// Derivative of the ideal coordinate by the distorted one; symmetric.
+    pub(crate) fn ideal_by_distorted(&self, d: Vector2<f64>) -> Matrix2<f64> {
+        let r2 = d.norm_squared();
+        let radial = 2.0 * (self.k1 + r2 * (2.0 * self.k2 + 3.0 * self.k3 * r2));
+        let centred = Matrix2::identity() * self.ideal_per_distorted(r2) + d * d.transpose() * radial;
+        if self.is_centred() {
+            return centred;
+        }
+        let (p1, p2, x, y) = (self.p1, self.p2, d.x, d.y);
+        let beside = 2.0 * (p1 * x + p2 * y);
+        centred + Matrix2::new(2.0 * p1 * y + 6.0 * p2 * x, beside, beside, 6.0 * p1 * y + 2.0 * p2 * x)
+    }
+
+    pub(crate) fn distorted_from_px(&self, px: Px) -> Vector2<f64> {
         let y = (px.v - self.cy) / self.fy;
         Vector2::new((px.u - self.cx - self.skew * y) / self.fx, y)
     }

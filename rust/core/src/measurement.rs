@@ -1,5 +1,6 @@
 //! Results: what a frame tells about one face, what two or three frames tell about a box, and the settings that choose the way.
 
+use crate::calibration::PARAMETERS;
 use crate::frames::{Cam, Plane, Point};
 use crate::network::{EdgeMapNetwork, Network};
 use crate::reject::Reject;
@@ -109,9 +110,9 @@ impl std::fmt::Debug for Settings<'_> {
     }
 }
 
-/// Causes that both faces of a box share: 18 parameters of the calibration (made independent), tilts of four lasers, the
-/// radius of the box's edges.
-pub const SHARED_CAUSES: usize = 23;
+/// Causes that both faces of a box share: the parameters of the calibration (made independent), tilts of four lasers, the radius of
+/// the box's edges.
+pub const SHARED_CAUSES: usize = PARAMETERS + 4 + 1;
 
 /// Where the variances of a face's length and width come from. What two faces share is kept apart, because it neither
 /// averages out in a side that both show nor in the volume.

@@ -14,6 +14,7 @@ pub(crate) fn paper_head(share: f64) -> Calibration {
         cy: centre(1032.559),
         k1: -0.03415937,
         k2: 0.321070446,
+        ..CameraModel::PINHOLE
     };
     let lasers = [
         [0.0079291, -0.00817394, 0.00018065, -1.0],

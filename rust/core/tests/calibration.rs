@@ -48,6 +48,7 @@ impl Head {
                 cy: off(515.8),
                 k1: off(-0.034),
                 k2: off(0.32),
+                ..CameraModel::PINHOLE
             },
             planes: [
                 Vector3::new(off(0.0079), off(-0.0082), 0.0002),

@@ -7,9 +7,22 @@ use proptest::prelude::*;
 
 fn cameras() -> impl Strategy<Value = CameraModel> {
     // The polynomial keeps a slope above 0.5 out to the corner of the sensor: beyond that no real lens goes.
-    (1800.0..3200.0, 0.98..1.02, -5.0..5.0, 1200.0..1400.0, 900.0..1100.0, -0.15..0.15, -0.02..0.4).prop_map(
-        |(fx, aspect, skew, cx, cy, k1, k2)| CameraModel { fx, fy: fx * aspect, skew, cx, cy, k1, k2 },
-    )
+    let matrix = (1800.0..3200.0, 0.98..1.02, -5.0..5.0, 1200.0..1400.0, 900.0..1100.0);
+    let radial = (-0.15..0.15, -0.02..0.4);
+    let paper = (matrix, radial).prop_map(|((fx, aspect, skew, cx, cy), (k1, k2))| CameraModel {
+        fx,
+        fy: fx * aspect,
+        skew,
+        cx,
+        cy,
+        k1,
+        k2,
+        ..CameraModel::PINHOLE
+    });
+    // Half of them are the paper's.
+    (paper, any::<bool>(), -0.01..0.01, -0.01..0.01, -0.05..0.05).prop_map(|(camera, more, p1, p2, k3)| {
+        if more { CameraModel { p1, p2, k3, ..camera } } else { camera }
+    })
 }
 
 fn pixels() -> impl Strategy<Value = Px> {
@@ -73,7 +86,16 @@ proptest! {
 
 #[test]
 fn what_is_behind_the_camera_or_not_a_number_has_no_pixel() {
-    let camera = CameraModel { fx: 2450.0, fy: 2450.0, skew: 0.0, cx: 1296.0, cy: 972.0, k1: -0.03, k2: 0.3 };
+    let camera = CameraModel {
+        fx: 2450.0,
+        fy: 2450.0,
+        skew: 0.0,
+        cx: 1296.0,
+        cy: 972.0,
+        k1: -0.03,
+        k2: 0.3,
+        ..CameraModel::PINHOLE
+    };
     for z_mm in [-1000.0, 0.0, f64::NAN] {
         assert_eq!(camera.px_from_point(&Point::new(1.0, 1.0, z_mm)), None);
     }
@@ -85,7 +107,16 @@ fn what_is_behind_the_camera_or_not_a_number_has_no_pixel() {
 #[test]
 fn a_ray_beyond_the_fold_of_the_distortion_has_no_pixel() {
     // rho (1 - 0.3 rho^2) is at most 0.703: no pixel sees farther out.
-    let camera = CameraModel { fx: 1000.0, fy: 1000.0, skew: 0.0, cx: 0.0, cy: 0.0, k1: -0.3, k2: 0.0 };
+    let camera = CameraModel {
+        fx: 1000.0,
+        fy: 1000.0,
+        skew: 0.0,
+        cx: 0.0,
+        cy: 0.0,
+        k1: -0.3,
+        k2: 0.0,
+        ..CameraModel::PINHOLE
+    };
     assert!(camera.px_from_ray(&Ray::new(0.5, 0.4)).is_some());
     assert_eq!(camera.px_from_ray(&Ray::new(0.71, 0.0)), None);
 }

@@ -13,9 +13,30 @@ const HEAD: CameraModel = CameraModel {
     cy: 1032.559,
     k1: -0.03415937,
     k2: 0.321070446,
+    ..CameraModel::PINHOLE
 };
-const SKEWED: CameraModel =
-    CameraModel { fx: 2310.25, fy: 2295.5, skew: 3.75, cx: 1311.0, cy: 950.25, k1: 0.11, k2: 0.043 };
+const SKEWED: CameraModel = CameraModel {
+    fx: 2310.25,
+    fy: 2295.5,
+    skew: 3.75,
+    cx: 1311.0,
+    cy: 950.25,
+    k1: 0.11,
+    k2: 0.043,
+    ..CameraModel::PINHOLE
+};
+const DECENTRED: CameraModel = CameraModel {
+    fx: 2401.5,
+    fy: 2399.25,
+    skew: 0.0,
+    cx: 1288.75,
+    cy: 990.5,
+    k1: -0.08,
+    k2: 0.21,
+    p1: 0.0078,
+    p2: -0.0043,
+    k3: -0.12,
+};
 /// Laser planes of the head, `p . X = 1`, 1/mm.
 const LASERS: [[f64; 3]; 4] = [
     [0.0079291, -0.00817394, 0.00018065],
@@ -31,7 +52,7 @@ const POINT_LIMIT_MM: f64 = 1e-8;
 
 #[test]
 fn a_pixel_has_the_ray_that_opencv_gives_it() {
-    for (camera, table) in [(HEAD, &HEAD_RAYS), (SKEWED, &SKEWED_RAYS)] {
+    for (camera, table) in [(HEAD, &HEAD_RAYS), (SKEWED, &SKEWED_RAYS), (DECENTRED, &DECENTRED_RAYS)] {
         for [u, v, x, y] in table {
             let ray = camera.ray_from_px(Px::new(*u, *v)).xy1;
             assert!((ray - Vector3::new(*x, *y, 1.0)).norm() < RAY_LIMIT, "({u}, {v}): {ray} for ({x}, {y})");
@@ -41,7 +62,7 @@ fn a_pixel_has_the_ray_that_opencv_gives_it() {
 
 #[test]
 fn a_ray_has_the_pixel_that_opencv_gives_it() {
-    for (camera, table) in [(HEAD, &HEAD_PIXELS), (SKEWED, &SKEWED_PIXELS)] {
+    for (camera, table) in [(HEAD, &HEAD_PIXELS), (SKEWED, &SKEWED_PIXELS), (DECENTRED, &DECENTRED_PIXELS)] {
         for [x, y, u, v] in table {
             let px = camera.px_from_ray(&Ray::new(*x, *y)).expect("within the sensor");
             assert!(px.distance_px(Px::new(*u, *v)) < PX_LIMIT, "({x}, {y}): {px:?} for ({u}, {v})");
@@ -124,6 +145,30 @@ const SKEWED_PIXELS: [[f64; 4]; 8] = [
     [1e-07, -2e-07, 1311.000230275, 950.2495409],
     [0.05, 0.4, 1425.9102702643625, 1851.953750938896],
     [-0.5, 0.01, 187.82872151935726, 972.5707304187113],
+];
+const DECENTRED_RAYS: [[f64; 4]; 12] = [
+    [-0.5, -0.5, -0.5356495881827973, -0.40702395111163286],
+    [2591.5, 1943.5, 0.5390082206679858, 0.39961945784817354],
+    [2591.5, -0.5, 0.5323529590998803, -0.40323584518006755],
+    [-0.5, 1943.5, -0.5421299405297433, 0.40317231959096916],
+    [0.0, 0.0, -0.5354338647864498, -0.4068144471782363],
+    [1239.5188, 1032.559, -0.020511345342419923, 0.017542602570170526],
+    [1295.5, 971.5, 0.0028100085964380623, -0.007917376144758768],
+    [12.25, 1000.75, -0.5306806933793157, 0.0064594109268101526],
+    [2570.5, 1010.125, 0.5255738723828006, 0.01029591764688953],
+    [1250.0, 3.5, -0.016632379741954702, -0.40413693239460535],
+    [640.125, 480.875, -0.26851788538001625, -0.20985229929709467],
+    [1900.6, 1500.3, 0.2529553376217153, 0.21221593474764672],
+];
+const DECENTRED_PIXELS: [[f64; 4]; 8] = [
+    [0.0, 0.0, 1288.75, 990.5],
+    [0.51, 0.37, 2523.5054437892045, 1874.9276991844417],
+    [-0.52, -0.41, 36.314870629272264, -8.104529508798464],
+    [-0.3, 0.2, 568.6192938895159, 1468.6008323975918],
+    [0.25, -0.35, 1901.060516002551, 133.23198443771162],
+    [1e-07, -2e-07, 1288.7502401500014, 990.4995201499971],
+    [0.05, 0.4, 1410.7650858180891, 1949.2416886233725],
+    [-0.5, 0.01, 85.40499594162202, 1009.8760416950887],
 ];
 /// The face's plane, 1/mm.
 const FACE_PLANE: [f64; 3] = [-8.491668057790607e-05, -0.0003904070499803332, 0.0008982128062384059];

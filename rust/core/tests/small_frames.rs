@@ -26,6 +26,7 @@ fn head(width: usize, height: usize) -> Calibration {
         cy: (1032.559 + 0.5) * sy - 0.5,
         k1: -0.03415937,
         k2: 0.321070446,
+        ..CameraModel::PINHOLE
     };
     let planes = LASERS.map(|[a, b, c]| [a, b, c, -1.0]);
     Calibration::new("test", [width as u32, height as u32], camera, planes).expect("a valid head")
@@ -207,6 +208,7 @@ proptest! {
             cy: 32.0,
             k1: distortion[0],
             k2: distortion[1],
+            ..CameraModel::PINHOLE
         };
         let planes = planes.map(|[a, b, c]| [a, b, c, -1.0]);
         if let Ok(calibration) = Calibration::new("strange", [96, 64], camera, planes) {
@@ -219,7 +221,16 @@ proptest! {
 /// Laser planes whose pairs cross in space but whose stripes are parallel in the image.
 #[test]
 fn pairs_that_only_cross_in_depth_do_no_harm() {
-    let camera = CameraModel { fx: 90.0, fy: 90.0, skew: 0.0, cx: 48.0, cy: 32.0, k1: 0.0, k2: 0.0 };
+    let camera = CameraModel {
+        fx: 90.0,
+        fy: 90.0,
+        skew: 0.0,
+        cx: 48.0,
+        cy: 32.0,
+        k1: 0.0,
+        k2: 0.0,
+        ..CameraModel::PINHOLE
+    };
     let planes =
         [[0.01, 0.0, 0.0, -1.0], [0.012, 0.0, 0.0, -1.0], [0.01, 0.0, 0.02, -1.0], [0.008, 0.0, 0.02, -1.0]];
     if let Ok(calibration) = Calibration::new("flat", [96, 64], camera, planes) {

@@ -18,6 +18,7 @@ const NOMINAL_CAMERA: CameraModel = CameraModel {
     cy: 1032.559,
     k1: -0.034_159_37,
     k2: 0.321_070_446,
+    ..CameraModel::PINHOLE
 };
 
 /// Table 2 of the paper: the nominal laser planes `p . X = 1`, 1/mm.
@@ -119,6 +120,7 @@ impl Head {
             cy: round(camera.cy, 6),
             k1: round(camera.k1, 9),
             k2: round(camera.k2, 9),
+            ..CameraModel::PINHOLE
         };
         let planes = planes.map(|p| p.map(|x| round(x, 10)));
         let calibration =

@@ -9,8 +9,16 @@ use boxline_sim::truth::{Shot, face_of, face_truth};
 use boxline_sim::world::{Plan, compose};
 use boxline_sim::{Head, Raster, Rng, Stock};
 
-const CAMERA: CameraModel =
-    CameraModel { fx: 2431.5, fy: 2440.25, skew: 0.0, cx: 1301.25, cy: 968.5, k1: -0.0412, k2: 0.2875 };
+const CAMERA: CameraModel = CameraModel {
+    fx: 2431.5,
+    fy: 2440.25,
+    skew: 0.0,
+    cx: 1301.25,
+    cy: 968.5,
+    k1: -0.0412,
+    k2: 0.2875,
+    ..CameraModel::PINHOLE
+};
 
 const TABLE: [([f64; 3], [f64; 2]); 7] = [
     ([0.0, 0.0, 1000.0], [1301.2500000, 968.5000000]),

@@ -10,13 +10,13 @@ use anyhow::Context;
 use boxline::calib::uncertainty::{side_sigma_mm, usual_distance_mm};
 use boxline::calib::{
     Advice, Board, BoardStripe, CalibrationReject, CalibrationSettings, CalibrationSolution, FrameReject,
-    empty_corners, find_board, next_frame, solve_all, solve_camera,
+    LensChoice, Misfit, PAPER_PARAMETERS, empty_corners, find_board, next_frame, solve_all, solve_camera,
 };
 use boxline::{Calibration, Frame, LaserId};
 use boxline_proto::json::{
     Laser, RecordedFrame, Role, calibration_json, read_board, read_recording, write_json,
 };
-use clap::Args as ClapArgs;
+use clap::{Args as ClapArgs, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use rayon::prelude::*; // frames are independent; scoped threads would need a queue of our own
 use serde_json::{Value, json};
@@ -44,12 +44,34 @@ pub struct CalibrateArgs {
     /// The board, if it is not board.json of the folder
     #[arg(long, value_name = "FILE")]
     pub board: Option<PathBuf>,
+    /// Terms of the lens: those that frames left out of the fit call a hundred times likelier, the paper's k1 and k2, or
+    /// also p1, p2 and k3 (Brown)
+    #[arg(long, value_enum, default_value_t = Lens::ByData)]
+    pub lens: Lens,
     /// Estimate the skew too
     #[arg(long)]
     pub skew: bool,
     /// Print one JSON object
     #[arg(long)]
     pub json: bool,
+}
+
+/// As [`LensChoice`].
+#[derive(Clone, Copy, ValueEnum)]
+pub enum Lens {
+    ByData,
+    Paper,
+    Brown,
+}
+
+impl From<Lens> for LensChoice {
+    fn from(lens: Lens) -> Self {
+        match lens {
+            Lens::ByData => Self::ByData,
+            Lens::Paper => Self::Paper,
+            Lens::Brown => Self::Brown,
+        }
+    }
 }
 
 /// Everything that is told about a solved set.
@@ -167,7 +189,7 @@ fn solve(
             Err(why) => left_out.push((frames[i].id.clone(), why)),
         }
     }
-    let camera = solve_camera(views, board, CalibrationSettings { skew: args.skew })?;
+    let camera = solve_camera(views, board, CalibrationSettings { skew: args.skew, lens: args.lens.into() })?;
     for (view, i) in indices.iter().enumerate() {
         left_out.extend(camera.reject(view).map(|why| (frames[*i].id.clone(), why.clone())));
     }
@@ -210,11 +232,32 @@ fn calibration_value(solved: &Solved) -> anyhow::Result<Value> {
         "frames": s.frames.len(),
         "circles": s.frames.iter().map(|f| f.centres.len()).sum::<usize>(),
         "stripe_points": s.frames.iter().map(|f| f.stripes.len()).sum::<usize>(),
+        "lens": {
+            "terms": s.lens.name(),
+            "tried": s.lens_trials.iter().map(|trial| json!({
+                "terms": trial.terms.name(),
+                "left_out_rms_px": trial.left_out_rms_px,
+                "log_likelihood_gain": trial.gain,
+            })).collect::<Vec<_>>(),
+        },
         "side_sigma_mm": SIDES_MM.iter().zip(solved.side_sigmas_mm).map(|(side, sigma)| {
             json!({"side_mm": side, "distance_mm": usual_distance_mm(*side), "sigma_mm": sigma})
         }).collect::<Vec<_>>(),
     });
     Ok(value)
+}
+
+fn misfit_json(misfit: &Misfit) -> Value {
+    let [rms_px, without_px] = misfit.rms_px;
+    json!({
+        "kind": misfit.kind.name(),
+        "size": misfit.size,
+        "circles_rms_px": rms_px,
+        "circles_rms_without_px": without_px,
+        "chi_square": misfit.chi_square,
+        "limit": misfit.limit,
+        "text": misfit.to_string(),
+    })
 }
 
 fn left_out_json((name, why): &(String, FrameReject)) -> Value {
@@ -227,6 +270,7 @@ fn outcome_json(solved: &Solved, calibration: &Value) -> Value {
         "calibration": calibration,
         "left_out": solved.left_out.iter().map(left_out_json).collect::<Vec<_>>(),
         "warnings": warnings(solved),
+        "misfits": solved.solution.misfits.iter().map(misfit_json).collect::<Vec<_>>(),
         "next_frame": solved.advice.as_ref().map(advice_text),
         "seconds": solved.seconds,
     })
@@ -234,12 +278,11 @@ fn outcome_json(solved: &Solved, calibration: &Value) -> Value {
 
 /// What a user should know who relies on a solved calibration.
 pub fn warnings(solved: &Solved) -> Vec<String> {
-    empty_corners(&solved.solution)
-        .into_iter()
-        .map(|corner| {
-            format!("no circle near the {corner} corner of the picture: the distortion there is extrapolated")
-        })
-        .collect()
+    let misfits = solved.solution.misfits.iter().map(ToString::to_string);
+    let corners = empty_corners(&solved.solution).into_iter().map(|corner| {
+        format!("no circle near the {corner} corner of the picture: the distortion there is extrapolated")
+    });
+    misfits.chain(corners).collect()
 }
 
 /// From where to where a laser was seen, mm; what spans its plane.
@@ -249,10 +292,27 @@ fn range_mm(s: &CalibrationSolution, id: LaserId) -> (f64, f64) {
 }
 
 /// Names, values and sigmas of the camera's parameters.
-pub fn camera_rows(s: &CalibrationSolution) -> [(&'static str, f64, f64); 6] {
+pub fn camera_rows(s: &CalibrationSolution) -> Vec<(&'static str, f64, f64)> {
     let c = &s.camera;
     let values = [("fx", c.fx), ("fy", c.fy), ("cx", c.cx), ("cy", c.cy), ("k1", c.k1), ("k2", c.k2)];
-    std::array::from_fn(|i| (values[i].0, values[i].1, s.covariance[(i, i)].max(0.0).sqrt()))
+    let more = [("p1", c.p1, s.lens.decentred), ("p2", c.p2, s.lens.decentred), ("k3", c.k3, s.lens.k3)];
+    let sigma = |i: usize| s.covariance[(i, i)].max(0.0).sqrt();
+    let paper = values.into_iter().enumerate().map(|(i, (name, value))| (name, value, sigma(i)));
+    let more = more.into_iter().enumerate().filter(|(_, (.., used))| *used);
+    paper.chain(more.map(|(i, (name, value, _))| (name, value, sigma(PAPER_PARAMETERS + i)))).collect()
+}
+
+/// Which terms the lens has, and why.
+pub fn lens_text(s: &CalibrationSolution) -> String {
+    let tried = s.lens_trials.iter().map(|trial| {
+        let gain = trial.gain.map_or(String::new(), |gain| format!(" (log-likelihood {gain:+.1})"));
+        format!("{}: {:.4} px{gain}", trial.terms.name(), trial.left_out_rms_px)
+    });
+    let tried: Vec<String> = tried.collect();
+    if tried.is_empty() {
+        return format!("{}, as asked", s.lens.name());
+    }
+    format!("{}; on frames left out {}", s.lens.name(), tried.join("; "))
 }
 
 /// What to take next, in words.
@@ -286,9 +346,10 @@ fn text(solved: &Solved, args: &CalibrateArgs) -> String {
     )];
     lines.extend(solved.left_out.iter().map(|(name, why)| format!("left out   {name}: {why}")));
     for (name, value, sigma) in camera_rows(s) {
-        let digits = if name.starts_with('k') { 6 } else { 3 };
+        let digits = if name.starts_with(['k', 'p']) { 6 } else { 3 };
         lines.push(format!("{name}         {value:.digits$} ± {sigma:.digits$}"));
     }
+    lines.push(format!("lens       {}", lens_text(s)));
     lines.push(format!("circles    {:.3}, {:.3} px rms (u, v)", s.centre_rms_px[0], s.centre_rms_px[1]));
     for id in LaserId::ALL {
         let frames = s.frames.iter().filter(|f| f.stripes.iter().any(|p| p.laser == id)).count();

@@ -1,6 +1,6 @@
 //! The report: one HTML file with everything in it, written by `maud` (checked at compile time, escapes what it inserts).
 
-use super::{SIDES_MM, Solved, advice_text, camera_rows, plots, warnings};
+use super::{SIDES_MM, Solved, advice_text, camera_rows, lens_text, plots, warnings};
 use boxline::LaserId;
 use boxline::calib::tilt_deg;
 use boxline::calib::uncertainty::usual_distance_mm;
@@ -95,6 +95,7 @@ fn parameters(solved: &Solved) -> Markup {
                 tr { td { (name) } td { (format!("{value:.5}")) } td { (format!("{sigma:.5}")) } }
             }
         }
+        p { "Lens: " (lens_text(s)) }
         table {
             tr { th { "laser plane, 1/mm" } th { "x" } th { "y" } th { "z" } th { "± x" } th { "± y" } th { "± z" } }
             @for (id, plane) in LaserId::ALL.into_iter().zip(&s.lasers) {

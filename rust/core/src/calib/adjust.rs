@@ -2,12 +2,14 @@
 //! centres in px with their own sigmas, robust.
 //!
 //! Poses meet only through the shared unknowns, so the normal equations are an arrow: every frame's 6 x 6 block is
-//! eliminated by itself (Schur complement) and what is solved has 19 rows however many frames there are. That is why
+//! eliminated by itself (Schur complement) and what is solved has 22 rows however many frames there are. That is why
 //! this is not a general least-squares crate: none on crates.io uses the arrow.
 
 use super::board::OnBoard;
+use super::lens::LensTerms;
 use super::model::{POSE, Row, SHARED, SKEW, Shared, centre_rows, moved, stripe_row};
 use super::rim::median;
+use crate::calibration::{CalibrationCovariance, PARAMETERS};
 use crate::frames::{Cam, Pose};
 use crate::units::Px;
 use nalgebra::{SMatrix, SVector, Vector2};
@@ -48,6 +50,10 @@ pub(super) struct Scatter {
     pub centre_correlation: f64,
 }
 
+/// Information of an unknown that stays as it is, and what its variance is below.
+const FIXED: f64 = 1e30;
+const FIXED_VARIANCE: f64 = 1e-28;
+
 /// The normal equations of the shared unknowns at the solution.
 pub(super) type Information = SMatrix<f64, SHARED, SHARED>;
 
@@ -60,7 +66,7 @@ pub(super) enum Loss {
 }
 
 const HUBER: f64 = 1.345;
-const TUKEY: f64 = 4.685;
+pub(super) const TUKEY: f64 = 4.685;
 const ITERATIONS: usize = 40;
 /// A step below this many sigmas in every shared unknown is the end.
 const CONVERGED_SIGMAS: f64 = 1e-3;
@@ -73,7 +79,7 @@ pub(super) fn weight(t: f64, loss: Loss) -> f64 {
 }
 
 /// The value of the loss, for deciding about a step.
-fn cost(t: f64, loss: Loss) -> f64 {
+pub(super) fn cost(t: f64, loss: Loss) -> f64 {
     match loss {
         Loss::Huber if t.abs() > HUBER => HUBER * (t.abs() - 0.5 * HUBER),
         Loss::Huber => 0.5 * t * t,
@@ -85,19 +91,36 @@ fn cost(t: f64, loss: Loss) -> f64 {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Fixed {
     pub skew: bool,
+    /// k1 and k2, and the terms that the lens has not.
     pub distortion: bool,
+    pub lens: LensTerms,
     pub planes: bool,
+    /// All of them, whatever the others say: only poses move.
+    pub all: bool,
 }
 
 impl Fixed {
-    fn contains(self, index: usize) -> bool {
-        match index {
-            SKEW => self.skew,
-            4 | 5 => self.distortion,
-            0..4 => false,
-            _ => self.planes,
-        }
+    pub(super) fn contains(self, index: usize) -> bool {
+        self.all
+            || match index {
+                SKEW => self.skew,
+                4 | 5 => self.distortion,
+                18 | 19 => self.distortion || !self.lens.decentred,
+                20 => self.distortion || !self.lens.k3,
+                0..4 => false,
+                _ => self.planes,
+            }
     }
+}
+
+/// The covariance of a calibration's parameters in the inverse of all shared unknowns' information; none of those that were fixed, which
+/// are exact.
+pub(super) fn covariance(inverse: &Information) -> CalibrationCovariance {
+    let covariance: CalibrationCovariance = inverse.fixed_view::<PARAMETERS, PARAMETERS>(0, 0).into();
+    let covariance = 0.5 * (covariance + covariance.transpose());
+    let known =
+        SVector::<f64, PARAMETERS>::from_fn(|i, _| f64::from(u8::from(covariance[(i, i)] > FIXED_VARIANCE)));
+    covariance.component_mul(&(known * known.transpose()))
 }
 
 /// Residuals in sigmas of all observations of a frame, with their derivatives over sigma.
@@ -144,7 +167,7 @@ fn normal_equations(shared: &Shared, frames: &[FrameSeen], scatter: &Scatter, lo
             let w = weight(row.px, loss) / share;
             arrow.cost += cost(row.px, loss) / share;
             if w > 0.0 {
-                // Of the 19 shared unknowns a centre knows 7 and a stripe 10; the zeros cost little.
+                // Of the 22 shared unknowns a centre knows 10 and a stripe 13; the zeros cost little.
                 arrow.shared.ger(w, &row.by_shared, &row.by_shared, 1.0);
                 mixed.ger(w, &row.by_shared, &row.by_pose, 1.0);
                 own.ger(w, &row.by_pose, &row.by_pose, 1.0);
@@ -178,7 +201,7 @@ impl Arrow {
     /// What the frames together say about the shared unknowns, poses eliminated, and the right side.
     fn reduced(&self, fixed: Fixed, damping: f64) -> Option<(Information, SVector<f64, SHARED>)> {
         let damped = |i: usize, value: f64| {
-            if fixed.contains(i) { 1e30 } else { value * (1.0 + damping) + f64::MIN_POSITIVE }
+            if fixed.contains(i) { FIXED } else { value * (1.0 + damping) + f64::MIN_POSITIVE }
         };
         let mut information = self.shared;
         let mut right = self.right;

@@ -11,6 +11,8 @@ mod coverage;
 mod detect;
 mod grid;
 mod judge;
+mod lens;
+mod misfit;
 mod model;
 mod next_frame;
 pub mod opencv;
@@ -24,11 +26,13 @@ mod stripes;
 pub mod uncertainty;
 mod zhang;
 
-pub use crate::calibration::CalibrationCovariance;
+pub use crate::calibration::{CalibrationCovariance, PAPER_PARAMETERS, PARAMETERS};
 pub use board::{Board, BoardView, Circle, OnBoard};
 pub use coverage::{Corner, empty_corners};
 pub use detect::{MIN_CIRCLES, find_board};
 pub use judge::tilt_deg;
+pub use lens::{LensChoice, LensTerms, LensTrial};
+pub use misfit::{Misfit, MisfitKind};
 pub use next_frame::{Advice, next_frame};
 pub use reject::{CalibrationReject, FrameReject};
 pub use solve::{

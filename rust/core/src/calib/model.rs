@@ -2,17 +2,27 @@
 
 use super::board::OnBoard;
 use super::rim::board_matrix;
+use super::uncertainty::moved as moved_by;
+use crate::calibration::{CAMERA, PARAMETERS, PLANES};
 use crate::camera::CameraModel;
-use crate::frames::{Cam, Pose, Ray};
+use crate::frames::{Cam, Plane, Pose, Ray};
 use crate::units::Px;
 use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3};
 
-/// Unknowns that all frames share: fx, fy, cx, cy, k1, k2, four laser planes (3 each, `p . X = 1`, 1/mm), skew.
-pub(super) const SHARED: usize = 19;
-/// First of the planes.
-pub(super) const PLANES: usize = 6;
+/// Unknowns that all frames share: those of a calibration ([`crate::calibration::PARAMETERS`]), then the skew.
+pub(super) const SHARED: usize = PARAMETERS + 1;
 /// The skew.
-pub(super) const SKEW: usize = 18;
+pub(super) const SKEW: usize = PARAMETERS;
+/// The camera's, in the order of [`ray_by_camera`].
+const BY_CAMERA: [usize; 10] = {
+    let mut all = [SKEW; 10];
+    let mut i = 0;
+    while i < CAMERA.len() {
+        all[i] = CAMERA[i];
+        i += 1;
+    }
+    all
+};
 /// Unknowns of a pose: rotation vector about the camera's axes (rad), translation (mm).
 pub(super) const POSE: usize = 6;
 
@@ -25,17 +35,10 @@ pub(super) struct Shared {
 
 impl Shared {
     pub fn plus(&self, step: &SVector<f64, SHARED>) -> Self {
-        let mut moved = self.clone();
-        let c = &mut moved.camera;
-        for (x, i) in [&mut c.fx, &mut c.fy, &mut c.cx, &mut c.cy, &mut c.k1, &mut c.k2].into_iter().zip(0..)
-        {
-            *x += step[i];
-        }
-        c.skew += step[SKEW];
-        for (k, plane) in moved.planes.iter_mut().enumerate() {
-            *plane += step.fixed_rows::<3>(PLANES + 3 * k);
-        }
-        moved
+        let lasers = self.planes.map(Plane::new);
+        let (mut camera, lasers) = moved_by(&self.camera, &lasers, &step.fixed_rows::<PARAMETERS>(0).into());
+        camera.skew += step[SKEW];
+        Self { camera, planes: lasers.map(|plane| plane.per_mm) }
     }
 }
 
@@ -58,22 +61,13 @@ pub(super) fn board_plane(pose: &Pose<Cam, OnBoard>) -> Vector3<f64> {
     normal / normal.dot(&pose.translation_mm)
 }
 
-/// d(ideal ray) / d(distorted coordinate) and the distorted coordinate itself.
-fn distortion(camera: &CameraModel, px: Px) -> (Vector2<f64>, Matrix2<f64>) {
-    let y = (px.v - camera.cy) / camera.fy;
-    let d = Vector2::new((px.u - camera.cx - camera.skew * y) / camera.fx, y);
-    let r2 = d.norm_squared();
-    let scale = 1.0 + r2 * (camera.k1 + camera.k2 * r2);
-    let radial = 2.0 * (camera.k1 + 2.0 * camera.k2 * r2);
-    (d, Matrix2::identity() * scale + d * d.transpose() * radial)
-}
-
-/// d(ideal ray of a fixed pixel) / d(fx, fy, cx, cy, k1, k2) and, last, d / d skew.
-fn ray_by_camera(camera: &CameraModel, px: Px) -> SMatrix<f64, 2, 7> {
-    let (d, by_distorted) = distortion(camera, px);
+/// d(ideal ray of a fixed pixel) / d(fx, fy, cx, cy, k1, k2, p1, p2, k3, skew).
+fn ray_by_camera(camera: &CameraModel, px: Px) -> SMatrix<f64, 2, { BY_CAMERA.len() }> {
+    let d = camera.distorted_from_px(px);
+    let by_distorted = camera.ideal_by_distorted(d);
     let r2 = d.norm_squared();
     let (fx, fy, s) = (camera.fx, camera.fy, camera.skew);
-    let mut out = SMatrix::<f64, 2, 7>::zeros();
+    let mut out = SMatrix::<f64, 2, { BY_CAMERA.len() }>::zeros();
     let columns = [
         Vector2::new(-d.x / fx, 0.0),
         Vector2::new(s * d.y / (fx * fy), -d.y / fy),
@@ -85,8 +79,30 @@ fn ray_by_camera(camera: &CameraModel, px: Px) -> SMatrix<f64, 2, 7> {
     }
     out.set_column(4, &(d * r2));
     out.set_column(5, &(d * (r2 * r2)));
-    out.set_column(6, &(by_distorted * Vector2::new(-d.y / fx, 0.0)));
+    out.set_column(6, &Vector2::new(2.0 * d.x * d.y, r2 + 2.0 * d.y * d.y));
+    out.set_column(7, &Vector2::new(r2 + 2.0 * d.x * d.x, 2.0 * d.x * d.y));
+    out.set_column(8, &(d * (r2 * r2 * r2)));
+    out.set_column(9, &(by_distorted * Vector2::new(-d.y / fx, 0.0)));
     out
+}
+
+/// A place on the board in the camera's frame, mm.
+pub(super) fn point_on_board(pose: &Pose<Cam, OnBoard>, board_mm: Vector2<f64>) -> Vector3<f64> {
+    pose.rotation.column(0) * board_mm.x + pose.rotation.column(1) * board_mm.y + pose.translation_mm
+}
+
+/// The pixel of a point and its derivatives by the point (px / mm) and by the point's ray. `None` behind the camera.
+pub(super) fn px_by_point(
+    camera: &CameraModel,
+    point: &Vector3<f64>,
+) -> Option<(Px, SMatrix<f64, 2, 3>, Matrix2<f64>)> {
+    if point.z < 1.0 {
+        return None;
+    }
+    let ray = Ray::new(point.x / point.z, point.y / point.z);
+    let (px, px_by_ray) = camera.px_from_ray_with_jacobian(&ray)?;
+    let ray_by_point = SMatrix::<f64, 2, 3>::new(1.0, 0.0, -ray.xy1.x, 0.0, 1.0, -ray.xy1.y) / point.z;
+    Some((px, px_by_ray * ray_by_point, px_by_ray))
 }
 
 /// The two residuals (observed - projected; u, v) of a circle's centre. `None` behind the camera.
@@ -97,24 +113,17 @@ pub(super) fn centre_rows(
     at: Px,
 ) -> Option<[Row; 2]> {
     let camera = &shared.camera;
-    let turned = pose.rotation.column(0) * board_mm.x + pose.rotation.column(1) * board_mm.y;
-    let point: Vector3<f64> = turned + pose.translation_mm;
-    if point.z < 1.0 {
-        return None;
-    }
-    let ray = Ray::new(point.x / point.z, point.y / point.z);
-    let (px, px_by_ray) = camera.px_from_ray_with_jacobian(&ray)?;
-    let ray_by_point = SMatrix::<f64, 2, 3>::new(1.0, 0.0, -ray.xy1.x, 0.0, 1.0, -ray.xy1.y) / point.z;
-    let px_by_point = px_by_ray * ray_by_point;
+    let point = point_on_board(pose, board_mm);
+    let turned = point - pose.translation_mm;
+    let (px, px_by_point, px_by_ray) = px_by_point(camera, &point)?;
     let by_turn = px_by_point * -turned.cross_matrix();
     // A pixel that keeps its ray: d(px) = -d(px)/d(ray) d(ray)/d(camera).
     let by_camera = px_by_ray * -ray_by_camera(camera, px);
     let row = |axis: usize, residual: f64| {
         let mut by_shared = SVector::zeros();
-        for k in 0..6 {
-            by_shared[k] = -by_camera[(axis, k)];
+        for (k, unknown) in BY_CAMERA.into_iter().enumerate() {
+            by_shared[unknown] = -by_camera[(axis, k)];
         }
-        by_shared[SKEW] = -by_camera[(axis, 6)];
         let mut by_pose = SVector::zeros();
         for k in 0..3 {
             by_pose[k] = -by_turn[(axis, k)];
@@ -142,10 +151,9 @@ pub(super) fn stripe_row(shared: &Shared, pose: &Pose<Cam, OnBoard>, laser: usiz
     let by_line = ray.xy1 * per;
     let mut by_shared = SVector::<f64, SHARED>::zeros();
     let by_camera = ray_by_camera(camera, at).transpose() * line.xy() * per;
-    for k in 0..6 {
-        by_shared[k] = by_camera[k];
+    for (k, unknown) in BY_CAMERA.into_iter().enumerate() {
+        by_shared[unknown] = by_camera[k];
     }
-    by_shared[SKEW] = by_camera[6];
     by_shared.fixed_rows_mut::<3>(PLANES + 3 * laser).copy_from(&-by_line);
     // q = n / (n . t): dq = dn / d - q (dn . t + n . dt) / d, dn = turn x n.
     let normal_by_turn = -normal.cross_matrix();
@@ -185,6 +193,9 @@ mod tests {
                 cy: 1032.6,
                 k1: -0.034,
                 k2: 0.32,
+                p1: 0.006,
+                p2: -0.004,
+                k3: -0.05,
             },
             planes: [
                 Vector3::new(0.0079, -0.0082, 0.0002),
@@ -208,8 +219,9 @@ mod tests {
         for (i, row) in here.iter().enumerate() {
             for k in 0..SHARED {
                 let size = match k {
-                    4 | 5 => 1e-4,
-                    PLANES..SKEW => 1e-8,
+                    4 | 5 | 18 | 19 => 1e-4,
+                    20 => 1e-2,
+                    PLANES..18 => 1e-8,
                     _ => 1e-2,
                 };
                 let mut step = SVector::zeros();

@@ -48,7 +48,7 @@ pub fn next_frame(solution: &CalibrationSolution) -> Option<Advice> {
                 let Some(information) = information_of(solution, &frame) else { continue };
                 let total = solution.information + information;
                 let Some((_, inverse)) = adjust::solve_scaled(&total, &SVector::zeros()) else { continue };
-                let Some(sigma_then_mm) = sigma(&inverse.fixed_view::<18, 18>(0, 0).into()) else { continue };
+                let Some(sigma_then_mm) = sigma(&adjust::covariance(&inverse)) else { continue };
                 if best.is_none_or(|b| sigma_then_mm < b.sigma_then_mm) {
                     best = Some(Advice { distance_mm, tilt_deg, towards_deg, sigma_now_mm, sigma_then_mm });
                 }

@@ -1,11 +1,13 @@
 //! From what all frames show to the calibration: camera from the circles, then stripes, then everything together.
 
 use super::adjust::{
-    CentreSeen, Fixed, FrameSeen, Loss, Scatter, StripeSeen, adjust, own_sigmas, residuals, scatter,
-    solve_scaled, weight,
+    CentreSeen, Fixed, FrameSeen, Loss, Scatter, StripeSeen, adjust, covariance, own_sigmas, residuals,
+    scatter, solve_scaled, weight,
 };
 use super::board::{Board, BoardView, OnBoard};
 use super::judge;
+use super::lens::{self, LensChoice, LensTerms, LensTrial};
+use super::misfit::{self, Misfit};
 use super::model::{SHARED, Shared};
 use super::planes::{self, StripesInSpace};
 use super::reject::{CalibrationReject, FrameReject};
@@ -36,6 +38,8 @@ const MIN_SIGMA_PX: f64 = 0.01;
 pub struct CalibrationSettings {
     /// Estimate the skew too. The paper does not; a sensor has none.
     pub skew: bool,
+    /// Which terms the lens has.
+    pub lens: LensChoice,
 }
 
 /// The camera and the boards' poses, from circles alone.
@@ -48,6 +52,8 @@ pub struct CameraSolution {
     frames: Vec<FrameSeen>,
     /// `None` for frames that take part.
     rejects: Vec<Option<FrameReject>>,
+    lens: LensTerms,
+    trials: Vec<LensTrial>,
 }
 
 /// Solves the camera from the views of at least [`MIN_FRAMES`] frames of one size.
@@ -80,8 +86,19 @@ pub fn solve_camera(
     judge::check_tilt(frames.iter().map(|f| &f.pose))?;
     let rejects = vec![None; views.len()];
     let shared = Shared { camera, planes: [Vector3::new(0.01, 0.01, 0.0); 4] };
-    let mut solution = CameraSolution { board: *board, settings, shared, views, frames, rejects };
+    let (lens, trials) = (settings.lens.start(), Vec::new());
+    let mut solution =
+        CameraSolution { board: *board, settings, shared, views, frames, rejects, lens, trials };
     solution.adjust_camera().ok_or_else(unsolved)?;
+    if settings.lens == LensChoice::ByData {
+        let fixed = solution.fixed(false, true);
+        (solution.lens, solution.trials) = lens::choose(&solution.shared, &solution.used_frames(), fixed);
+        if solution.lens != lens {
+            // What did not fit the narrower lens may fit this one.
+            solution.rejects.fill(None);
+            solution.adjust_camera().ok_or_else(unsolved)?;
+        }
+    }
     judge::check_ratio(&solution.views, board, &solution.shared.camera, &solution.poses())?;
     judge::check_tilt(solution.frames.iter().map(|f| &f.pose))?;
     let rms_px = solution.rms_px().norm() / std::f64::consts::SQRT_2;
@@ -117,7 +134,7 @@ impl CameraSolution {
     }
 
     fn fixed(&self, distortion: bool, planes: bool) -> Fixed {
-        Fixed { skew: !self.settings.skew, distortion, planes }
+        Fixed { skew: !self.settings.skew, distortion, lens: self.lens, planes, all: false }
     }
 
     fn adjust_camera(&mut self) -> Option<()> {
@@ -268,6 +285,12 @@ pub struct CalibrationSolution {
     pub correlation: [f64; 2],
     /// Every frame that takes part.
     pub frames: Vec<FrameResult>,
+    /// The lens's terms.
+    pub lens: LensTerms,
+    /// What was tried to choose them; nothing if they were given.
+    pub lens_trials: Vec<LensTrial>,
+    /// What the model does not fit, the largest first.
+    pub misfits: Vec<Misfit>,
     pub(super) next: Vec<FrameSeen>,
     pub(super) shared: Shared,
     pub(super) information: SMatrix<f64, SHARED, SHARED>,
@@ -335,24 +358,30 @@ pub fn solve_all(
     }
     let information = information.ok_or_else(unsolved)?;
     let (_, inverse) = solve_scaled(&information, &SVector::zeros()).ok_or_else(unsolved)?;
-    let covariance: CalibrationCovariance = inverse.fixed_view::<18, 18>(0, 0).into();
-    let covariance = 0.5 * (covariance + covariance.transpose());
+    let covariance = covariance(&inverse);
     let views: Vec<usize> = (0..solution.views.len()).filter(|i| solution.rejects[*i].is_none()).collect();
     let image_px = [solution.views[0].width_px, solution.views[0].height_px];
-    Ok(summarise(solution.shared, used, &views, spread, covariance, information, image_px, solution.board))
+    Ok(summarise(solution, used, &views, spread, covariance, information, image_px))
 }
 
-#[allow(clippy::too_many_arguments)] // one call; a struct would be built only for it
 fn summarise(
-    shared: Shared,
+    solution: CameraSolution,
     used: Vec<FrameSeen>,
     views: &[usize],
     spread: Scatter,
     covariance: CalibrationCovariance,
     information: SMatrix<f64, SHARED, SHARED>,
     image_px: [usize; 2],
-    board: Board,
 ) -> CalibrationSolution {
+    let fixed = solution.fixed(false, false);
+    let CameraSolution { shared, board, lens, trials, .. } = solution;
+    let misfits = misfit::misfits(&misfit::Solved {
+        shared: &shared,
+        frames: &used,
+        scatter: &spread,
+        fixed,
+        image_px,
+    });
     let mut frames = Vec::with_capacity(used.len());
     let mut stripe_sums = [(0.0, 0.0f64); 4];
     for (seen, view) in used.iter().zip(views) {
@@ -392,6 +421,9 @@ fn summarise(
         scatter: [spread.centres, spread.stripes],
         correlation: [spread.centre_correlation, spread.stripe_correlation],
         frames,
+        lens,
+        lens_trials: trials,
+        misfits,
         next: used,
         shared,
         information,

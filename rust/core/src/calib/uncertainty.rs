@@ -1,15 +1,15 @@
 //! What a calibration's covariance means for a box: standard deviation of a side.
 
-use crate::calibration::CalibrationCovariance;
+use crate::calibration::{CalibrationCovariance, PARAMETERS, PLANES};
 use crate::camera::CameraModel;
 use crate::frames::{Cam, Plane};
 use crate::units::Px;
 use nalgebra::{Matrix3, SVector, Vector2, Vector3};
 
 /// Unknowns of a calibration in the order of its covariance.
-pub type CalibrationStep = SVector<f64, 18>;
+pub type CalibrationStep = SVector<f64, PARAMETERS>;
 
-/// A camera and planes moved by a step of the 18 parameters.
+/// A camera and planes moved by a step of the parameters.
 #[must_use]
 pub fn moved(
     camera: &CameraModel,
@@ -23,11 +23,14 @@ pub fn moved(
         cy: camera.cy + step[3],
         k1: camera.k1 + step[4],
         k2: camera.k2 + step[5],
+        p1: camera.p1 + step[18],
+        p2: camera.p2 + step[19],
+        k3: camera.k3 + step[20],
         ..*camera
     };
     let mut moved = *lasers;
     for (k, plane) in moved.iter_mut().enumerate() {
-        *plane = Plane::new(plane.per_mm + step.fixed_rows::<3>(6 + 3 * k));
+        *plane = Plane::new(plane.per_mm + step.fixed_rows::<3>(PLANES + 3 * k));
     }
     (camera, moved)
 }
@@ -41,7 +44,7 @@ pub fn variance_of(
     mut quantity: impl FnMut(&CameraModel, &[Plane<Cam>; 4]) -> Option<f64>,
 ) -> Option<f64> {
     let mut gradient = CalibrationStep::zeros();
-    for i in 0..18 {
+    for i in 0..PARAMETERS {
         let size = 0.1 * covariance[(i, i)].max(0.0).sqrt();
         if size == 0.0 {
             continue;

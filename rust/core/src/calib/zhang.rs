@@ -106,6 +106,7 @@ fn closed_form(homographies: &[Matrix3<f64>], width: f64, height: f64) -> Option
         cy: v0 * half + 0.5 * (height - 1.0),
         k1: 0.0,
         k2: 0.0,
+        ..CameraModel::PINHOLE
     };
     [camera.fx, camera.fy, camera.cx, camera.cy].iter().all(|x| x.is_finite()).then_some(camera)
 }
@@ -140,6 +141,7 @@ fn one_focal_length(homographies: &[Matrix3<f64>], width: f64, height: f64) -> O
         cy: 0.5 * (height - 1.0),
         k1: 0.0,
         k2: 0.0,
+        ..CameraModel::PINHOLE
     })
 }
 

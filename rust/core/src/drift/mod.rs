@@ -14,7 +14,7 @@ mod tests;
 pub use directions::{Direction, DirectionKind};
 pub use significance::{ChangeTest, SIGNIFICANT};
 
-use crate::calibration::{Calibration, CalibrationCovariance};
+use crate::calibration::{CAMERA, Calibration, CalibrationCovariance};
 use crate::error::{Error, ErrorKind};
 use crate::face_lines::FaceLines;
 use crate::face_lines::laser_motion::{
@@ -219,7 +219,9 @@ impl Drift {
         let to_planes = blocks(&self.by_motion);
         let planes = to_planes * self.covariance * to_planes.transpose();
         let mut covariance = CalibrationCovariance::zeros();
-        covariance.fixed_view_mut::<6, 6>(0, 0).copy_from(&old.fixed_view::<6, 6>(0, 0));
+        for (i, j) in CAMERA.into_iter().flat_map(|i| CAMERA.map(|j| (i, j))) {
+            covariance[(i, j)] = old[(i, j)];
+        }
         covariance.fixed_view_mut::<12, 12>(6, 6).copy_from(&((planes + planes.transpose()) * 0.5));
         updated.with_covariance(covariance)
     }

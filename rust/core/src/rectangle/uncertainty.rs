@@ -7,16 +7,14 @@ use super::refine::{
 };
 use super::sharp_edge::Correction;
 use crate::calib::uncertainty::CalibrationStep;
-use crate::calibration::{Calibration, CalibrationCovariance};
+use crate::calibration::{CAMERA, Calibration, CalibrationCovariance, PARAMETERS, PLANES};
 use crate::eigen::symmetric_eigen;
 use crate::measurement::{SHARED_CAUSES, SideUncertainty};
 use crate::units::{AngleEstimate, LaserId};
 use nalgebra::{Matrix2, SMatrix, SVector, Vector3};
 
-/// Parameters of a calibration.
-const CALIBRATION: usize = 18;
 /// First of the tilts of the four lasers.
-pub(super) const TILTS: usize = CALIBRATION;
+pub(super) const TILTS: usize = PARAMETERS;
 /// First of the causes that each frame has for itself: a shift and a turn of each side.
 pub(super) const EDGES: usize = TILTS + 4;
 /// All causes.
@@ -36,14 +34,16 @@ pub(super) struct Causes {
 pub(super) fn causes(problem: &Problem, fit: &FittedRectangle, tilts_rad: [f64; 4]) -> Option<Causes> {
     let calibration = problem.calibration;
     let root = calibration.covariance().map(|covariance| root_of(covariance).transpose());
-    let cameras = [0, 1, 2, 3, 4, 5].map(|i| {
+    // What is known exactly moves nothing.
+    let moves = |i: &usize| calibration.covariance().is_some_and(|covariance| covariance[(*i, *i)] > 0.0);
+    let cameras = CAMERA.into_iter().filter(moves).map(|i| {
         let mut step = CalibrationStep::zeros();
         step[i] = if i < 4 { 0.01 } else { 1e-4 };
         let moved = calibration.stepped(&step);
         let raster = problem.raster_in(&moved, &fit.params);
-        raster.map(|raster| (moved, raster, step[i]))
+        raster.map(|raster| (i, moved, raster, step[i]))
     });
-    let cameras: Vec<_> = cameras.into_iter().collect::<Option<_>>()?;
+    let cameras: Vec<_> = cameras.collect::<Option<_>>()?;
     let turned: [Vector3<f64>; 4] = LaserId::ALL.map(|id| {
         let angle_rad = 1e-4;
         let p = calibration.with_turned_laser(id, angle_rad).laser(id).per_mm;
@@ -53,34 +53,34 @@ pub(super) fn causes(problem: &Problem, fit: &FittedRectangle, tilts_rad: [f64; 
     let mut on_residuals_px = Vec::with_capacity(fit.rows.len());
     let mut pull = SMatrix::<f64, CAUSES, UNKNOWNS>::zeros();
     for row in &fit.rows {
-        let mut by_calibration = SVector::<f64, CALIBRATION>::zeros();
+        let mut by_calibration = SVector::<f64, PARAMETERS>::zeros();
         let mut effect = SVector::<f64, CAUSES>::zeros();
         match row.source {
             Source::Stripe(laser) => {
                 // The residual is (q - p) . x times a factor, whose derivative by the plane q is x times the factor.
                 let by_plane: Vector3<f64> = row.derivative_px.fixed_rows::<3>(0).into();
-                by_calibration.fixed_rows_mut::<3>(6 + 3 * laser).copy_from(&-by_plane);
+                by_calibration.fixed_rows_mut::<3>(PLANES + 3 * laser).copy_from(&-by_plane);
                 effect[TILTS + laser] = -by_plane.dot(&turned[laser]);
                 let line = fit.raster.plane.per_mm - calibration.lasers()[laser].per_mm;
                 // The third component of x is 1.
                 let factor = by_plane.z;
                 let x = calibration.camera().ray_from_px(row.at).xy1;
-                for (k, (moved, _, step)) in cameras.iter().enumerate() {
-                    by_calibration[k] =
+                for (k, moved, _, step) in &cameras {
+                    by_calibration[*k] =
                         line.dot(&(moved.camera().ray_from_px(row.at).xy1 - x)) * factor / step;
                 }
             }
             Source::Edge(side) => {
-                for (k, (moved, raster, step)) in cameras.iter().enumerate() {
+                for (k, moved, raster, step) in &cameras {
                     let beside_mm = problem.beside_mm(moved, raster, &fit.params, side, row.at)?;
-                    by_calibration[k] = (beside_mm / row.mm_per_px - row.px) / step;
+                    by_calibration[*k] = (beside_mm / row.mm_per_px - row.px) / step;
                 }
                 effect[EDGES + side] = EDGE_SYSTEMATIC_PX;
                 effect[EDGES + 4 + side] = EDGE_SYSTEMATIC_PX * row.along_mm / half_mm[side];
             }
         }
         if let Some(root) = &root {
-            let mut by_sigmas = effect.fixed_rows_mut::<CALIBRATION>(0);
+            let mut by_sigmas = effect.fixed_rows_mut::<PARAMETERS>(0);
             for (root, by) in root.column_iter().zip(&by_calibration).filter(|(_, by)| **by != 0.0) {
                 by_sigmas += root * *by;
             }
@@ -180,12 +180,12 @@ mod tests {
         /// such covariance of 60 nalgebra lists the eigenvalues in another order than their vectors.
         #[test]
         fn a_covariance_is_its_root_times_itself(
-            along in prop::collection::vec(0.0..1.0f64, 18),
-            common in prop::collection::vec(-0.5..0.5f64, 18),
+            along in prop::collection::vec(0.0..1.0f64, PARAMETERS),
+            common in prop::collection::vec(-0.5..0.5f64, PARAMETERS),
             alone in prop::collection::vec(-12.0..-2.0f64, 6),
             together in -8.0..0.0f64
         ) {
-            let common = SVector::<f64, CALIBRATION>::from_vec(common);
+            let common = SVector::<f64, PARAMETERS>::from_vec(common);
             let mut covariance = common * common.transpose() * 10f64.powf(together);
             for (block, alone) in alone.iter().enumerate() {
                 for i in 0..3 {

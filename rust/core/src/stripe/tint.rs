@@ -158,7 +158,16 @@ mod tests {
 
     /// A frame whose background has one colour and some noise, with a stripe that adds `light`, cut off at 255.
     fn tint_on(background: [f64; 3], light: [f64; 3], common_noise: f64) -> Tint {
-        let camera = CameraModel { fx: 600.0, fy: 600.0, skew: 0.0, cx: 320.0, cy: 240.0, k1: 0.0, k2: 0.0 };
+        let camera = CameraModel {
+            fx: 600.0,
+            fy: 600.0,
+            skew: 0.0,
+            cx: 320.0,
+            cy: 240.0,
+            k1: 0.0,
+            k2: 0.0,
+            ..CameraModel::PINHOLE
+        };
         let lasers = [
             [0.0079291, -0.00817394, 0.00018065, -1.0],
             [0.01078476, -0.01121147, 0.00223845, -1.0],

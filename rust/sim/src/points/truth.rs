@@ -6,8 +6,10 @@ use crate::error::Error;
 use crate::head::Head;
 use crate::pose::{FacePose, place_face, random_orientation};
 use crate::rng::Rng;
+use boxline::calib::CalibrationCovariance;
+use boxline::calib::uncertainty::{CalibrationStep, moved};
 use boxline::points::{SeenPoint, SeenSide};
-use boxline::{Calibration, CameraModel, LaserId};
+use boxline::{Calibration, LaserId};
 use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, Unit, Vector3};
 
 /// What the drawn boxes have in common.
@@ -108,25 +110,14 @@ fn true_head(rng: &mut Rng, known: &Calibration, conditions: &Conditions) -> Res
     let covariance = known
         .covariance()
         .ok_or_else(|| Error::new("calibration", "has no covariance; `boxline calibrate` writes one"))?;
-    let off = draw(rng, &DMatrix::from_fn(18, 18, |i, j| covariance[(i, j)]))
-        .ok_or_else(|| Error::new("calibration", "the covariance is not positive"))?;
-    let c = known.camera();
-    let camera = CameraModel {
-        fx: c.fx + off[0],
-        fy: c.fy + off[1],
-        cx: c.cx + off[2],
-        cy: c.cy + off[3],
-        k1: c.k1 + off[4],
-        k2: c.k2 + off[5],
-        skew: c.skew,
-    };
+    let off =
+        draw(rng, covariance).ok_or_else(|| Error::new("calibration", "the covariance is not positive"))?;
+    let (camera, lasers) = moved(known.camera(), known.lasers(), &off);
     let tilted = LaserId::ALL[rng.below(4)];
     let extra_rad = conditions.tilt_rad * rng.sign();
     let planes = LaserId::ALL.map(|id| {
-        let k = 6 + 3 * id.index();
-        let plane = known.laser(id).per_mm + Vector3::new(off[k], off[k + 1], off[k + 2]);
         let extra_rad = if id == tilted { extra_rad } else { 0.0 };
-        turned(plane, conditions.drift_rad * rng.normal() + extra_rad)
+        turned(lasers[id.index()].per_mm, conditions.drift_rad * rng.normal() + extra_rad)
     });
     Ok((Head::of(known.serial(), camera, planes)?, tilted))
 }
@@ -141,13 +132,19 @@ fn turned(plane: Vector3<f64>, angle_rad: f64) -> Vector3<f64> {
     normal / normal.dot(&exit)
 }
 
-/// A normal draw with this covariance.
-fn draw(rng: &mut Rng, covariance: &DMatrix<f64>) -> Option<DVector<f64>> {
+/// A normal draw with this covariance; what is known exactly stays.
+fn draw(rng: &mut Rng, covariance: &CalibrationCovariance) -> Option<CalibrationStep> {
     let sigmas = covariance.diagonal().map(f64::sqrt);
-    let even = DMatrix::from_fn(18, 18, |i, j| covariance[(i, j)] / (sigmas[i] * sigmas[j]));
+    let moving: Vec<usize> = (0..sigmas.len()).filter(|i| sigmas[*i] > 0.0).collect();
+    let n = moving.len();
+    let even = DMatrix::from_fn(n, n, |i, j| {
+        covariance[(moving[i], moving[j])] / (sigmas[moving[i]] * sigmas[moving[j]])
+    });
     let lower = even.cholesky()?.l();
-    let normal = DVector::from_fn(18, |_, _| rng.normal());
-    Some((lower * normal).component_mul(&sigmas))
+    let drawn = lower * DVector::from_fn(n, |_, _| rng.normal());
+    let mut step = CalibrationStep::zeros();
+    moving.iter().zip(&drawn).for_each(|(i, sigmas_off)| step[*i] = sigmas_off * sigmas[*i]);
+    Some(step)
 }
 
 #[cfg(test)]
