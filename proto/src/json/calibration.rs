@@ -66,10 +66,22 @@ pub fn read_calibration(path: &Path) -> Result<Calibration, Error> {
     parse_calibration(&file::read(path)?, &path.display().to_string())
 }
 
+/// A camera as JSON, as in a calibration; p1, p2 and k3 only if the lens has them.
+#[must_use]
+pub fn camera_json(c: &CameraModel) -> Value {
+    let mut value =
+        json!({"fx": c.fx, "fy": c.fy, "skew": c.skew, "cx": c.cx, "cy": c.cy, "k1": c.k1, "k2": c.k2});
+    if !c.has_paper_lens() {
+        for (key, term) in [("p1", c.p1), ("p2", c.p2), ("k3", c.k3)] {
+            value[key] = json!(term);
+        }
+    }
+    value
+}
+
 /// A calibration as JSON. Reading it again gives the same calibration to the last bit. Laser planes are scaled to d = -1.
 #[must_use]
 pub fn calibration_json(calibration: &Calibration) -> Value {
-    let c = calibration.camera();
     let plane = |id: LaserId| {
         let p = calibration.laser(id).per_mm;
         json!([p.x, p.y, p.z, -1.0])
@@ -78,14 +90,9 @@ pub fn calibration_json(calibration: &Calibration) -> Value {
         "format": FORMAT,
         "serial": calibration.serial(),
         "image_size": [calibration.width_px(), calibration.height_px()],
-        "camera": {"fx": c.fx, "fy": c.fy, "skew": c.skew, "cx": c.cx, "cy": c.cy, "k1": c.k1, "k2": c.k2},
+        "camera": camera_json(calibration.camera()),
         "laser_planes": LaserId::ALL.map(plane),
     });
-    if !c.has_paper_lens() {
-        for (key, term) in [("p1", c.p1), ("p2", c.p2), ("k3", c.k3)] {
-            value["camera"][key] = json!(term);
-        }
-    }
     if let Some(covariance) = calibration.covariance() {
         let more = (PAPER_PARAMETERS..PARAMETERS).any(|i| covariance[(i, i)] > 0.0);
         let size = if more { PARAMETERS } else { PAPER_PARAMETERS };

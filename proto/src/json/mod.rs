@@ -12,7 +12,7 @@ mod report;
 mod truth;
 mod wrong;
 
-pub use calibration::{calibration_json, parse_calibration, read_calibration};
+pub use calibration::{calibration_json, camera_json, parse_calibration, read_calibration};
 pub use file::write_json;
 pub(crate) use recording::resolved_path;
 pub use recording::{Laser, RecordedFrame, Recording, Role, parse_recording, read_recording, recording_json};

@@ -4,8 +4,9 @@
 
 mod program;
 
+use boxline::{CameraModel, Px};
 use image::codecs::jpeg::JpegEncoder;
-use image::imageops::{FilterType, fast_blur, resize};
+use image::imageops::{FilterType, fast_blur, interpolate_bilinear, resize};
 use image::{Rgb, RgbImage};
 use program::{boxline, data, json_of, stderr, stdout, text};
 use serde_json::{Value, json};
@@ -87,16 +88,13 @@ impl Set {
 
     fn run(&self) -> Output {
         let report = self.folder.path().join("out/report.html");
+        self.run_with(&["--report", text(&report)])
+    }
+
+    fn run_with(&self, more: &[&str]) -> Output {
         let output = self.output();
-        let output = boxline(&[
-            "calibrate",
-            text(self.folder.path()),
-            "-o",
-            text(&output),
-            "--report",
-            text(&report),
-            "--json",
-        ]);
+        let words = ["calibrate", text(self.folder.path()), "-o", text(&output), "--json"];
+        let output = boxline(&[&words, more].concat());
         assert!(!stderr(&output).contains("panicked"), "{}", stderr(&output));
         output
     }
@@ -317,6 +315,99 @@ fn verify_says_what_it_cannot_check() {
         "--json",
     ]));
     assert_eq!(object["error"]["kind"], "io");
+}
+
+/// The recorded head at half size, and behind a lens that is not centred.
+fn half_cameras() -> [CameraModel; 2] {
+    let truth = &read(&data("calibration_set/calibration.json"))["camera"];
+    let number = |key: &str| truth[key].as_f64().unwrap();
+    let middle = |key: &str| (number(key) + 0.5) / 2.0 - 0.5;
+    let camera = CameraModel {
+        fx: 0.5 * number("fx"),
+        fy: 0.5 * number("fy"),
+        skew: 0.0,
+        cx: middle("cx"),
+        cy: middle("cy"),
+        k1: number("k1"),
+        k2: number("k2"),
+        ..CameraModel::PINHOLE
+    };
+    [camera, CameraModel { p1: 0.0078, p2: -0.003, ..camera }]
+}
+
+/// What the second camera sees where the first saw the picture.
+fn seen_by([from, to]: &[CameraModel; 2], picture: &RgbImage) -> RgbImage {
+    RgbImage::from_fn(picture.width(), picture.height(), |x, y| {
+        let ray = to.ray_from_px(Px::new(f64::from(x), f64::from(y)));
+        let at =
+            from.px_from_ray(&ray).and_then(|px| interpolate_bilinear(picture, px.u as f32, px.v as f32));
+        at.unwrap_or(Rgb([128, 128, 128]))
+    })
+}
+
+/// A lens that is not centred gets the terms that it has; with the paper's alone it is told that they do not fit.
+#[test]
+fn a_decentred_lens_is_found_and_is_told_where_it_may_not_be() {
+    let cameras = half_cameras();
+    let set = Set::of(8, |_, half| jpeg(&seen_by(&cameras, half)));
+    let found = json_of(&set.run_with(&[]));
+    let camera = &found["calibration"]["camera"];
+    assert_eq!(found["calibration"]["residuals"]["lens"]["terms"], "k1, k2, p1, p2", "{found}");
+    let off = |key: &str, truth: f64| camera[key].as_f64().unwrap() - truth;
+    let [_, truth] = cameras;
+    println!("{camera}; {}", found["calibration"]["residuals"]["circles_rms_px"]);
+    for (key, truth, most) in [
+        ("fx", truth.fx, 0.3),
+        ("fy", truth.fy, 0.3),
+        ("cx", truth.cx, 0.5),
+        ("cy", truth.cy, 0.5),
+        ("p1", truth.p1, 2e-4),
+        ("p2", truth.p2, 2e-4),
+    ] {
+        assert!(off(key, truth).abs() < most, "{key} is off by {}", off(key, truth));
+    }
+    assert_eq!(found["misfits"], json!([]), "{found}");
+    assert_eq!(found["calibration"]["covariance"].as_array().unwrap().len(), 21);
+    let paper = json_of(&set.run_with(&["--lens", "paper"]));
+    println!(
+        "{}; {}; {}",
+        paper["calibration"]["camera"], paper["calibration"]["residuals"]["circles_rms_px"], paper["misfits"]
+    );
+    assert_eq!(paper["misfits"][0]["kind"], "lens", "{paper}");
+    assert!(paper["warnings"][0].as_str().unwrap().starts_with("the lens does not fit"), "{paper}");
+    let paper_fx = paper["calibration"]["camera"]["fx"].as_f64().unwrap();
+    assert!((paper_fx - truth.fx).abs() > 1.0, "the warning has a reason: {paper_fx} for {}", truth.fx);
+}
+
+/// A folder without recording and board file; copies count once; the camera alone.
+#[test]
+fn any_folder_of_pictures_will_do() {
+    let mut set = Set::of(8, |_, half| jpeg(half));
+    let usual = json_of(&set.run_with(&[]));
+    set.add("c90_bytes", &jpeg(&halves()[0]));
+    // Decoded and encoded once more, as a program that turns pictures does.
+    let first = image::load_from_memory(&jpeg(&halves()[0])).unwrap().into_rgb8();
+    set.add("c91_again", &jpeg(&first));
+    for file in ["recording.json", "board.json"] {
+        std::fs::remove_file(set.folder.path().join(file)).unwrap();
+    }
+    let without = set.run_with(&[]);
+    assert_eq!(without.status.code(), Some(2));
+    assert!(stderr(&without).contains("--board"), "{}", stderr(&without));
+    let board = ["--board", "12x11:100:50"];
+    let found = json_of(&set.run_with(&board));
+    assert_eq!(found["calibration"]["camera"], usual["calibration"]["camera"], "{found}");
+    let left_out = found["left_out"].as_array().unwrap();
+    assert_eq!(left_out.len(), 2, "{found}");
+    assert!(left_out.iter().all(|f| f["why"].as_str().unwrap().starts_with("a copy of")), "{found}");
+    let camera = json_of(&set.run_with(&[&board[..], &["--camera-only"]].concat()));
+    assert_eq!(camera["camera"]["format"], "boxline-camera/1", "{camera}");
+    let fx = |value: &Value| value["camera"]["fx"].as_f64().unwrap();
+    assert!((fx(&camera["camera"]) - fx(&usual["calibration"])).abs() < 0.05, "{camera}");
+    assert_eq!(read(&set.output()), camera["camera"]);
+    let wrong = set.run_with(&["--board", "7x7:0.0375:0.01875"]);
+    assert_eq!(wrong.status.code(), Some(2));
+    assert!(stderr(&wrong).contains("COLUMNSxROWS"), "{}", stderr(&wrong));
 }
 
 #[test]

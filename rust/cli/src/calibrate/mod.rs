@@ -1,5 +1,6 @@
 //! `boxline calibrate`: a folder of board frames in, the head's calibration and a report out.
 
+mod input;
 mod plots;
 mod provenance;
 mod report;
@@ -9,15 +10,15 @@ use crate::input::{Usage, read_frame};
 use anyhow::Context;
 use boxline::calib::uncertainty::{side_sigma_mm, usual_distance_mm};
 use boxline::calib::{
-    Advice, Board, BoardStripe, CalibrationReject, CalibrationSettings, CalibrationSolution, FrameReject,
-    LensChoice, Misfit, PAPER_PARAMETERS, empty_corners, find_board, next_frame, solve_all, solve_camera,
+    Advice, BoardStripe, CalibrationCovariance, CalibrationReject, CalibrationSettings, CalibrationSolution,
+    CameraSolution, FrameReject, LensChoice, LensTerms, LensTrial, Misfit, PAPER_PARAMETERS, empty_corners,
+    find_board, next_frame, solve_all, solve_camera,
 };
-use boxline::{Calibration, Frame, LaserId};
-use boxline_proto::json::{
-    Laser, RecordedFrame, Role, calibration_json, read_board, read_recording, write_json,
-};
+use boxline::{Calibration, CameraModel, Frame, LaserId};
+use boxline_proto::json::{calibration_json, camera_json, write_json};
 use clap::{Args as ClapArgs, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
+use input::{BoardFrame, BoardSpec, Input, parse_board_spec};
 use rayon::prelude::*; // frames are independent; scoped threads would need a queue of our own
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -32,7 +33,7 @@ pub const SIDES_MM: [f64; 4] = [150.0, 600.0, 1200.0, 1800.0];
 
 #[derive(ClapArgs)]
 pub struct CalibrateArgs {
-    /// Folder with recording.json (board frames, lasers on) and board.json
+    /// Folder with frames of a board, lasers on: a recording, or any JPEGs
     #[arg(value_name = "FOLDER")]
     pub folder: PathBuf,
     /// Where to write the calibration
@@ -41,9 +42,15 @@ pub struct CalibrateArgs {
     /// Write a report with pictures (one HTML file)
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
-    /// The board, if it is not board.json of the folder
-    #[arg(long, value_name = "FILE")]
-    pub board: Option<PathBuf>,
+    /// The board, if it is not board.json of the folder: columns, rows, pitch and diameter in mm (7x7:37.5:18.75), or a file
+    #[arg(long, value_name = "GRID|FILE", value_parser = parse_board_spec)]
+    pub board: Option<BoardSpec>,
+    /// Serial number of the head, if it is not the recording's or the folder's name
+    #[arg(long, value_name = "TEXT")]
+    pub serial: Option<String>,
+    /// The camera alone, from frames without lasers (format boxline-camera/1)
+    #[arg(long, conflicts_with = "report")]
+    pub camera_only: bool,
     /// Terms of the lens: those that frames left out of the fit call a hundred times likelier, the paper's k1 and k2, or
     /// also p1, p2 and k3 (Brown)
     #[arg(long, value_enum, default_value_t = Lens::ByData)]
@@ -92,13 +99,9 @@ pub struct Solved {
 /// Runs `boxline calibrate`.
 pub fn calibrate(args: &CalibrateArgs) -> anyhow::Result<Finished> {
     let start = Instant::now();
-    let recording = read_recording(&args.folder)?;
-    let board_file = args.board.clone().unwrap_or_else(|| args.folder.join("board.json"));
-    let board = Board::from(read_board(&board_file)?);
-    let frames: Vec<&RecordedFrame> =
-        recording.frames.iter().filter(|f| f.role == Role::Board && f.laser == Laser::On).collect();
+    let input = Input::read(args)?;
     for output in [Some(&args.output), args.report.as_ref()].into_iter().flatten() {
-        if frames.iter().map(|f| &f.file).chain([&board_file]).any(|input| same_file(input, output)) {
+        if input.all_files().any(|input| same_file(input, output)) {
             return Err(Usage(format!("{}: would overwrite an input", output.display())).into());
         }
         // Told now, not after half a minute of work.
@@ -107,15 +110,20 @@ pub fn calibrate(args: &CalibrateArgs) -> anyhow::Result<Finished> {
         }
     }
     let mut left_out = Vec::new();
-    match solve(&frames, &board, args, &mut left_out) {
+    let names: Vec<String> = input.frames.iter().map(|f| f.id.clone()).collect();
+    let camera = match solve_circles(&input, args, &mut left_out) {
+        Ok(found) if args.camera_only => return camera_alone(args, &input, &left_out, found),
+        other => other,
+    };
+    match camera.and_then(|circles| solve_stripes(&input, circles)) {
         Ok((views, solution, size_px)) => {
             let sigma = |side: f64| {
                 let (camera, lasers) = (&solution.camera, &solution.lasers);
                 side_sigma_mm(camera, lasers, &solution.covariance, side, usual_distance_mm(side))
             };
             let solved = Solved {
-                serial: recording.serial.clone(),
-                names: frames.iter().map(|f| f.id.clone()).collect(),
+                serial: input.serial.clone(),
+                names,
                 left_out,
                 views,
                 side_sigmas_mm: SIDES_MM.map(sigma),
@@ -125,7 +133,9 @@ pub fn calibrate(args: &CalibrateArgs) -> anyhow::Result<Finished> {
                 seconds: start.elapsed().as_secs_f64(),
             };
             let mut value = calibration_value(&solved)?;
-            value["provenance"] = provenance::value(&args.folder, &board_file, &board, &frames, &solved)?;
+            let used: Vec<&str> =
+                solved.solution.frames.iter().map(|f| solved.names[solved.views[f.view]].as_str()).collect();
+            value["provenance"] = provenance::value(&input, &used)?;
             write_json(&args.output, &value)?;
             if let Some(path) = &args.report {
                 write_whole(path, &report::html(&solved)?)?;
@@ -134,36 +144,99 @@ pub fn calibrate(args: &CalibrateArgs) -> anyhow::Result<Finished> {
                 if args.json { outcome_json(&solved, &value).to_string() } else { text(&solved, args) };
             Ok(Finished { stdout, exit_code: SOLVED })
         }
-        Err(reject) => {
-            let stdout = if args.json {
-                let left_out: Vec<Value> = left_out.iter().map(left_out_json).collect();
-                let reason = json!({"reason": reject.reason(), "text": reject.to_string()});
-                json!({"outcome": "rejected", "reject": reason, "left_out": left_out}).to_string()
-            } else {
-                let lines = left_out.iter().map(|(name, why)| format!("left out   {name}: {why}\n"));
-                format!("{}not calibrated: {reject}", lines.collect::<String>())
-            };
-            Ok(Finished { stdout, exit_code: REFUSED })
-        }
+        Err(reject) => Ok(refused(args, &left_out, &reject)),
     }
+}
+
+fn refused(args: &CalibrateArgs, left_out: &[(String, FrameReject)], reject: &CalibrationReject) -> Finished {
+    let stdout = if args.json {
+        let left_out: Vec<Value> = left_out.iter().map(left_out_json).collect();
+        let reason = json!({"reason": reject.reason(), "text": reject.to_string()});
+        json!({"outcome": "rejected", "reject": reason, "left_out": left_out}).to_string()
+    } else {
+        let lines = left_out.iter().map(|(name, why)| format!("left out   {name}: {why}\n"));
+        format!("{}not calibrated: {reject}", lines.collect::<String>())
+    };
+    Finished { stdout, exit_code: REFUSED }
+}
+
+/// Writes the camera alone.
+fn camera_alone(
+    args: &CalibrateArgs,
+    input: &Input,
+    left_out: &[(String, FrameReject)],
+    circles: Circles,
+) -> anyhow::Result<Finished> {
+    let Circles { indices, camera, size_px } = circles;
+    let camera = match camera.alone() {
+        Ok(camera) => camera,
+        Err(reject) => return Ok(refused(args, left_out, &reject)),
+    };
+    let used: Vec<&str> = camera.views.iter().map(|view| input.frames[indices[*view]].id.as_str()).collect();
+    let rows = camera_rows(&camera.camera, camera.lens, &camera.covariance);
+    let mut value = json!({
+        "format": "boxline-camera/1",
+        "image_size": size_px,
+        "camera": camera_json(&camera.camera),
+        "sigmas": rows.iter().map(|(name, _, sigma)| ((*name).to_owned(), json!(sigma))).collect::<serde_json::Map<_, _>>(),
+        "residuals": {
+            "circles_rms_px": camera.centre_rms_px,
+            "frames": used.len(),
+            "lens": lens_json(camera.lens, &camera.lens_trials),
+        },
+    });
+    value["provenance"] = provenance::value(input, &used)?;
+    write_json(&args.output, &value)?;
+    let misfits: Vec<String> = camera.misfits.iter().map(ToString::to_string).collect();
+    let stdout = if args.json {
+        json!({
+            "outcome": "calibrated",
+            "camera": value,
+            "left_out": left_out.iter().map(left_out_json).collect::<Vec<_>>(),
+            "warnings": misfits,
+            "misfits": camera.misfits.iter().map(misfit_json).collect::<Vec<_>>(),
+        })
+        .to_string()
+    } else {
+        let [u, v] = camera.centre_rms_px;
+        let mut lines = vec![format!("{} frames of {}", used.len(), input.frames.len())];
+        lines.extend(left_out.iter().map(|(name, why)| format!("left out   {name}: {why}")));
+        lines.extend(row_lines(&rows));
+        lines.push(format!("lens       {}", lens_text(camera.lens, &camera.lens_trials)));
+        lines.push(format!("circles    {u:.3}, {v:.3} px rms (u, v)"));
+        lines.extend(misfits.iter().map(|misfit| format!("warning    {misfit}")));
+        lines.push(format!("written    {}", args.output.display()));
+        lines.push("(± is one standard deviation)".to_owned());
+        lines.join("\n")
+    };
+    Ok(Finished { stdout, exit_code: SOLVED })
 }
 
 type Found = (Vec<usize>, CalibrationSolution, [usize; 2]);
 
-fn solve(
-    frames: &[&RecordedFrame],
-    board: &Board,
+/// The camera from the circles of those frames that show the board.
+struct Circles {
+    /// Index of the frame of each view.
+    indices: Vec<usize>,
+    camera: CameraSolution,
+    size_px: [usize; 2],
+}
+
+fn load(frame: &BoardFrame) -> Result<Frame, FrameReject> {
+    read_frame(&frame.file).map_err(|e| FrameReject::Unreadable { text: e.to_string() })
+}
+
+fn solve_circles(
+    input: &Input,
     args: &CalibrateArgs,
     left_out: &mut Vec<(String, FrameReject)>,
-) -> Result<Found, CalibrationReject> {
+) -> Result<Circles, CalibrationReject> {
+    let (frames, board) = (&input.frames, &input.board);
     let bar = progress(frames.len() as u64, "circles");
-    let load = |i: usize| -> Result<Frame, FrameReject> {
-        read_frame(&frames[i].file).map_err(|e| FrameReject::Unreadable { text: e.to_string() })
-    };
     let found: Vec<_> = (0..frames.len())
         .into_par_iter()
         .map(|i| {
-            let frame = load(i)?;
+            let frame = load(&frames[i])?;
             let size = [frame.width_px(), frame.height_px()];
             let view = find_board(&frame, board);
             bar.inc(1);
@@ -193,6 +266,12 @@ fn solve(
     for (view, i) in indices.iter().enumerate() {
         left_out.extend(camera.reject(view).map(|why| (frames[*i].id.clone(), why.clone())));
     }
+    Ok(Circles { indices, camera, size_px })
+}
+
+/// Camera and lasers from the stripes on those boards.
+fn solve_stripes(input: &Input, circles: Circles) -> Result<Found, CalibrationReject> {
+    let Circles { indices, camera, size_px } = circles;
     let bar = progress(indices.len() as u64, "stripes");
     // Frames are decoded twice: 40 ms each, against 15 MB each to keep them.
     let stripes: Vec<Vec<BoardStripe>> = (0..indices.len())
@@ -202,7 +281,7 @@ fn solve(
             if camera.reject(view).is_some() {
                 return Vec::new();
             }
-            load(indices[view])
+            load(&input.frames[indices[view]])
                 .map_or_else(|_unreadable| Vec::new(), |frame| camera.find_stripes(view, &frame))
         })
         .collect();
@@ -232,14 +311,7 @@ fn calibration_value(solved: &Solved) -> anyhow::Result<Value> {
         "frames": s.frames.len(),
         "circles": s.frames.iter().map(|f| f.centres.len()).sum::<usize>(),
         "stripe_points": s.frames.iter().map(|f| f.stripes.len()).sum::<usize>(),
-        "lens": {
-            "terms": s.lens.name(),
-            "tried": s.lens_trials.iter().map(|trial| json!({
-                "terms": trial.terms.name(),
-                "left_out_rms_px": trial.left_out_rms_px,
-                "log_likelihood_gain": trial.gain,
-            })).collect::<Vec<_>>(),
-        },
+        "lens": lens_json(s.lens, &s.lens_trials),
         "side_sigma_mm": SIDES_MM.iter().zip(solved.side_sigmas_mm).map(|(side, sigma)| {
             json!({"side_mm": side, "distance_mm": usual_distance_mm(*side), "sigma_mm": sigma})
         }).collect::<Vec<_>>(),
@@ -248,12 +320,11 @@ fn calibration_value(solved: &Solved) -> anyhow::Result<Value> {
 }
 
 fn misfit_json(misfit: &Misfit) -> Value {
-    let [rms_px, without_px] = misfit.rms_px;
     json!({
         "kind": misfit.kind.name(),
         "size": misfit.size,
-        "circles_rms_px": rms_px,
-        "circles_rms_without_px": without_px,
+        "circles_rms_px": misfit.rms_px,
+        "single_circles_px": misfit.single_px,
         "chi_square": misfit.chi_square,
         "limit": misfit.limit,
         "text": misfit.to_string(),
@@ -292,27 +363,48 @@ fn range_mm(s: &CalibrationSolution, id: LaserId) -> (f64, f64) {
 }
 
 /// Names, values and sigmas of the camera's parameters.
-pub fn camera_rows(s: &CalibrationSolution) -> Vec<(&'static str, f64, f64)> {
-    let c = &s.camera;
+pub fn camera_rows(
+    c: &CameraModel,
+    lens: LensTerms,
+    covariance: &CalibrationCovariance,
+) -> Vec<(&'static str, f64, f64)> {
     let values = [("fx", c.fx), ("fy", c.fy), ("cx", c.cx), ("cy", c.cy), ("k1", c.k1), ("k2", c.k2)];
-    let more = [("p1", c.p1, s.lens.decentred), ("p2", c.p2, s.lens.decentred), ("k3", c.k3, s.lens.k3)];
-    let sigma = |i: usize| s.covariance[(i, i)].max(0.0).sqrt();
+    let more = [("p1", c.p1, lens.decentred), ("p2", c.p2, lens.decentred), ("k3", c.k3, lens.k3)];
+    let sigma = |i: usize| covariance[(i, i)].max(0.0).sqrt();
     let paper = values.into_iter().enumerate().map(|(i, (name, value))| (name, value, sigma(i)));
     let more = more.into_iter().enumerate().filter(|(_, (.., used))| *used);
     paper.chain(more.map(|(i, (name, value, _))| (name, value, sigma(PAPER_PARAMETERS + i)))).collect()
 }
 
+fn row_lines(rows: &[(&'static str, f64, f64)]) -> impl Iterator<Item = String> {
+    rows.iter().map(|(name, value, sigma)| {
+        let digits = if name.starts_with(['k', 'p']) { 6 } else { 3 };
+        format!("{name}         {value:.digits$} ± {sigma:.digits$}")
+    })
+}
+
+fn lens_json(lens: LensTerms, trials: &[LensTrial]) -> Value {
+    let tried = trials.iter().map(|trial| {
+        json!({
+            "terms": trial.terms.name(),
+            "left_out_rms_px": trial.left_out_rms_px,
+            "log_likelihood_gain": trial.gain,
+        })
+    });
+    json!({"terms": lens.name(), "tried": tried.collect::<Vec<_>>()})
+}
+
 /// Which terms the lens has, and why.
-pub fn lens_text(s: &CalibrationSolution) -> String {
-    let tried = s.lens_trials.iter().map(|trial| {
+pub fn lens_text(lens: LensTerms, trials: &[LensTrial]) -> String {
+    let tried = trials.iter().map(|trial| {
         let gain = trial.gain.map_or(String::new(), |gain| format!(" (log-likelihood {gain:+.1})"));
         format!("{}: {:.4} px{gain}", trial.terms.name(), trial.left_out_rms_px)
     });
     let tried: Vec<String> = tried.collect();
     if tried.is_empty() {
-        return format!("{}, as asked", s.lens.name());
+        return format!("{}, as asked", lens.name());
     }
-    format!("{}; on frames left out {}", s.lens.name(), tried.join("; "))
+    format!("{}; on frames left out {}", lens.name(), tried.join("; "))
 }
 
 /// What to take next, in words.
@@ -345,11 +437,8 @@ fn text(solved: &Solved, args: &CalibrateArgs) -> String {
         solved.seconds
     )];
     lines.extend(solved.left_out.iter().map(|(name, why)| format!("left out   {name}: {why}")));
-    for (name, value, sigma) in camera_rows(s) {
-        let digits = if name.starts_with(['k', 'p']) { 6 } else { 3 };
-        lines.push(format!("{name}         {value:.digits$} ± {sigma:.digits$}"));
-    }
-    lines.push(format!("lens       {}", lens_text(s)));
+    lines.extend(row_lines(&camera_rows(&s.camera, s.lens, &s.covariance)));
+    lines.push(format!("lens       {}", lens_text(s.lens, &s.lens_trials)));
     lines.push(format!("circles    {:.3}, {:.3} px rms (u, v)", s.centre_rms_px[0], s.centre_rms_px[1]));
     for id in LaserId::ALL {
         let frames = s.frames.iter().filter(|f| f.stripes.iter().any(|p| p.laser == id)).count();

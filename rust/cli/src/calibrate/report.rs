@@ -91,11 +91,11 @@ fn parameters(solved: &Solved) -> Markup {
     html! {
         table {
             tr { th { "camera" } th { "value" } th { "±" } }
-            @for (name, value, sigma) in camera_rows(s) {
+            @for (name, value, sigma) in camera_rows(&s.camera, s.lens, &s.covariance) {
                 tr { td { (name) } td { (format!("{value:.5}")) } td { (format!("{sigma:.5}")) } }
             }
         }
-        p { "Lens: " (lens_text(s)) }
+        p { "Lens: " (lens_text(s.lens, &s.lens_trials)) }
         table {
             tr { th { "laser plane, 1/mm" } th { "x" } th { "y" } th { "z" } th { "± x" } th { "± y" } th { "± z" } }
             @for (id, plane) in LaserId::ALL.into_iter().zip(&s.lasers) {

@@ -247,7 +247,8 @@ pub(super) fn adjust(
     let mut arrow = normal_equations(shared, frames, scatter, loss)?;
     for _ in 0..ITERATIONS {
         let (information, right) = arrow.reduced(fixed, damping)?;
-        let (step, inverse) = solve_scaled(&information, &right)?;
+        let (mut step, inverse) = solve_scaled(&information, &right)?;
+        (0..SHARED).filter(|i| fixed.contains(*i)).for_each(|i| step[i] = 0.0);
         let candidate = shared.plus(&step);
         let mut moved_frames = frames.to_vec();
         for (frame, (mixed, own, own_right)) in moved_frames.iter_mut().zip(&arrow.frames) {

@@ -65,7 +65,7 @@ pub struct BoardView {
     pub width_px: usize,
     /// Height of the frame, px.
     pub height_px: usize,
-    /// At least 12, in order of row and column.
+    /// At least 9, in order of row and column.
     pub circles: Vec<Circle>,
     /// Width of the rims from dark to white, 10 to 90 %, px: a measure of blur.
     pub rim_width_px: f64,

@@ -7,8 +7,8 @@ use super::reject::FrameReject;
 use super::rim::{find_rim, median};
 use crate::image::Frame;
 
-/// Fewest circles of a frame: 6 unknowns of its pose leave 18 equations to check it and to tell about the camera.
-pub const MIN_CIRCLES: usize = 12;
+/// Fewest circles of a frame: 6 unknowns of its pose leave 12 equations to check it and to tell about the camera.
+pub const MIN_CIRCLES: usize = 9;
 /// Columns and rows that must be seen at least.
 pub const MIN_SPAN: u32 = 3;
 /// Rims wider than this share of the radius leave no level dark inside to compare with.

@@ -3,8 +3,9 @@
 //! how large they come out and how much of the residuals they explain (a score test, Rao 1948). The pattern that explains most is named, then
 //! those that explain more beside it.
 
-use super::adjust::{Fixed, FrameSeen, Loss, Scatter, weight};
+use super::adjust::{Fixed, FrameSeen, Loss, Scatter, residuals, weight};
 use super::model::{POSE, Row, SHARED, Shared, centre_rows, point_on_board, px_by_point, stripe_row};
+use super::rim::median;
 use crate::eigen::symmetric_eigen;
 use crate::units::Px;
 use nalgebra::{DMatrix, DVector, SMatrix, SVector, Vector2, Vector3};
@@ -69,8 +70,10 @@ pub struct Misfit {
     pub kind: MisfitKind,
     /// How large, in the unit of its kind.
     pub size: f64,
-    /// Root mean square of the circles' residuals an axis, px, and what it would be without the pattern.
-    pub rms_px: [f64; 2],
+    /// Root mean square of the circles' residuals an axis, px.
+    pub rms_px: f64,
+    /// How single circles scatter about their neighbours, an axis, px: what it would be if all fitted.
+    pub single_px: f64,
     /// What speaks for it, and what one sound set in a thousand exceeds.
     pub chi_square: f64,
     /// See there.
@@ -79,7 +82,7 @@ pub struct Misfit {
 
 impl std::fmt::Display for Misfit {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let (size, [now, left]) = (self.size, self.rms_px);
+        let size = self.size;
         match self.kind {
             MisfitKind::Lens => {
                 write!(f, "the lens does not fit: it shifts circles by {size:.3} px rms an axis")?
@@ -102,7 +105,11 @@ impl std::fmt::Display for Misfit {
                 write!(f, "the frames show boards whose pitches differ by {:.3} % rms", 100.0 * size)?;
             }
         }
-        write!(f, " (circles are off by {now:.3} px rms, without it {left:.3} px)")
+        write!(
+            f,
+            " (circles are off by {:.3} px rms, where single ones scatter by {:.3} px)",
+            self.rms_px, self.single_px
+        )
     }
 }
 
@@ -129,8 +136,7 @@ const LENS_POWERS: [[i32; 2]; 18] = [
 ];
 /// Quantile of the normal distribution that one set in a thousand exceeds.
 const ONE_IN_A_THOUSAND: f64 = 3.09;
-/// A pattern must explain this share of the circles' variance: below, the residual rises by less than 3 % for it, and covariance takes
-/// that in.
+/// A pattern must explain this share of the residuals' squares: below, they rise by less than 3 % for it, and covariance takes that in.
 const LEAST_EXPLAINED: f64 = 0.05;
 /// Combinations of which less than this share of the information is left once poses and camera are free are none: they are a pose's or
 /// the camera's (a board and planes that grow together are the same picture), and what is left is rounding.
@@ -152,6 +158,7 @@ pub(super) fn misfits(solved: &Solved) -> Vec<Misfit> {
     let mut before =
         Explained { chi_square: 0.0, unknowns: 0, values: DVector::zeros(0), variances: DVector::zeros(0) };
     let (rms_px, chi_all) = solved.residual();
+    let single_px = solved.single_px();
     let mut left: f64 = 1.0;
     while let Some((kind, explained)) = MisfitKind::ALL
         .into_iter()
@@ -173,8 +180,7 @@ pub(super) fn misfits(solved: &Solved) -> Vec<Misfit> {
         let of_kind = |all: &DVector<f64>| all.rows(first, own).into_owned();
         let size = solved.size(kind, &of_kind(&explained.values), &of_kind(&explained.variances));
         let size = size.unwrap_or(rms_px * (left - then).sqrt());
-        let rms_px = [left, then].map(|share| rms_px * share.sqrt());
-        found.push(Misfit { kind, size, rms_px, chi_square, limit });
+        found.push(Misfit { kind, size, rms_px, single_px, chi_square, limit });
         kinds.push(kind);
         (before, left) = (explained, then);
     }
@@ -209,7 +215,18 @@ impl Solved<'_> {
         common + own * self.frames.len()
     }
 
-    /// Root mean square of circles' residuals that count, px an axis, and the weighted sum of squares of all residuals of circles.
+    /// From the residual of each circle against the mean of its two neighbours in the list, which are its neighbours on the board.
+    fn single_px(&self) -> f64 {
+        let off = self.frames.iter().flat_map(|frame| {
+            let (centres, _) = residuals(self.shared, frame);
+            let against = |w: &[Vector2<f64>]| w[1] - 0.5 * (w[0] + w[2]);
+            centres.windows(3).map(against).flat_map(|d| [d.x.abs(), d.y.abs()]).collect::<Vec<_>>()
+        });
+        // Of one and half a variance.
+        median(off).map_or(0.0, |m| m / 0.6745 / 1.5f64.sqrt())
+    }
+
+    /// Root mean square of circles' residuals that count, px an axis, and the weighted sum of squares of all residuals.
     fn residual(&self) -> (f64, f64) {
         let (mut squares, mut count, mut chi) = (0.0, 0.0, 0.0);
         for frame in self.frames {
@@ -226,6 +243,11 @@ impl Solved<'_> {
                         chi += w * sigmas * sigmas / self.scatter.centre_correlation;
                     }
                 }
+            }
+            for seen in &frame.stripes {
+                let Some(row) = stripe_row(self.shared, &frame.pose, seen.laser, seen.at) else { continue };
+                let sigmas = row.px / (seen.sigma_px * self.scatter.stripes);
+                chi += weight(sigmas, Loss::Tukey) * sigmas * sigmas / self.scatter.stripe_correlation;
             }
         }
         ((squares / f64::max(count, 1.0)).sqrt(), chi)

@@ -36,7 +36,7 @@ pub use misfit::{Misfit, MisfitKind};
 pub use next_frame::{Advice, next_frame};
 pub use reject::{CalibrationReject, FrameReject};
 pub use solve::{
-    CalibrationSettings, CalibrationSolution, CameraSolution, CentreResidual, FrameResult, MIN_FRAMES,
-    StripeResidual, solve_all, solve_camera,
+    CalibrationSettings, CalibrationSolution, CameraAlone, CameraSolution, CentreResidual, FrameResult,
+    MIN_FRAMES, StripeResidual, solve_all, solve_camera,
 };
 pub use stripes::BoardStripe;

@@ -1,5 +1,6 @@
 //! Why a frame was left out, and why a set of frames gives no calibration.
 
+use super::detect::MIN_CIRCLES;
 use crate::units::LaserId;
 
 /// Why a frame does not take part, with what was found and what is needed.
@@ -39,6 +40,14 @@ pub enum FrameReject {
         /// The most that the scatter of the others allows, px.
         limit_px: f64,
     },
+    /// It shows the board where an earlier frame does, to less than two shots of a board that stands still differ by: it is a copy, and
+    /// counts once.
+    Copy {
+        /// Number of the earlier view.
+        of: usize,
+        /// Root mean square of the circles' distances, px.
+        rms_px: f64,
+    },
     /// The file cannot be read as a picture.
     Unreadable {
         /// Why.
@@ -51,7 +60,7 @@ impl std::fmt::Display for FrameReject {
         match self {
             Self::NoBoard { blobs, in_grid } => write!(
                 f,
-                "no board: {blobs} round dark spots, at most {in_grid} of them in a grid (12 are needed)"
+                "no board: {blobs} round dark spots, at most {in_grid} of them in a grid ({MIN_CIRCLES} are needed)"
             ),
             Self::TooFewCircles { found, needed } => {
                 write!(f, "{found} whole circles in at least 3 columns and rows, {needed} are needed")
@@ -66,6 +75,9 @@ impl std::fmt::Display for FrameReject {
                 f,
                 "its circles are off by {rms_px:.2} px rms, {limit_px:.2} px are allowed beside the other frames"
             ),
+            Self::Copy { rms_px, .. } => {
+                write!(f, "a copy of an earlier frame: its circles are {rms_px:.4} px from that one's")
+            }
             Self::Unreadable { text } => f.write_str(text),
         }
     }

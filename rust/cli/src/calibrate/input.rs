@@ -1,0 +1,150 @@
+//! What `boxline calibrate` is given: frames of a board, from a recording or from any folder of JPEGs, and the board.
+
+use super::CalibrateArgs;
+use crate::input::Usage;
+use boxline::calib::Board;
+use boxline_proto::json::{Laser, Role, read_board, read_recording};
+use std::path::{Path, PathBuf};
+
+/// A picture of the board.
+pub struct BoardFrame {
+    pub id: String,
+    pub file: PathBuf,
+}
+
+/// Everything that is read.
+pub struct Input {
+    pub serial: String,
+    pub frames: Vec<BoardFrame>,
+    pub board: Board,
+    /// Files beside the frames.
+    pub files: Vec<PathBuf>,
+}
+
+/// The board as `--board` has it.
+#[derive(Clone, Debug, PartialEq)]
+pub enum BoardSpec {
+    Grid(Board),
+    File(PathBuf),
+}
+
+/// Pitches and diameters of boards, mm: others are another unit.
+const SIZES_MM: std::ops::RangeInclusive<f64> = 1.0..=1000.0;
+/// Circles of a row, as in board files.
+const CIRCLES: std::ops::RangeInclusive<u32> = 2..=1000;
+
+/// `COLUMNSxROWS:PITCH:DIAMETER` in mm, or a file.
+///
+/// # Errors
+/// What is wrong with a text that begins like a grid.
+pub fn parse_board_spec(text: &str) -> Result<BoardSpec, String> {
+    let number = |text: &str| !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit());
+    let (grid, sizes) = text.split_once(':').unwrap_or((text, ""));
+    if !grid.split_once('x').is_some_and(|(columns, rows)| number(columns) && number(rows)) {
+        return Ok(BoardSpec::File(text.into()));
+    }
+    let circles = |text: &str| text.parse().ok().filter(|n| CIRCLES.contains(n));
+    let size = |text: &str| text.parse().ok().filter(|mm| SIZES_MM.contains(mm));
+    let grid = grid.split_once('x').and_then(|(c, r)| Some((circles(c)?, circles(r)?)));
+    let sizes = sizes.split_once(':').and_then(|(p, d)| Some((size(p)?, size(d)?)));
+    match (grid, sizes) {
+        (Some((columns, rows)), Some((pitch_mm, diameter_mm))) if diameter_mm < pitch_mm => {
+            Ok(BoardSpec::Grid(Board { columns, rows, pitch_mm, diameter_mm }))
+        }
+        _ => Err(format!(
+            "{text:?} is no COLUMNSxROWS:PITCH:DIAMETER (7x7:37.5:18.75): 2 to 1000 circles, 1 to 1000 mm, circles apart from each other"
+        )),
+    }
+}
+
+impl Input {
+    /// Reads recording and board, or lists the folder's pictures.
+    pub fn read(args: &CalibrateArgs) -> anyhow::Result<Self> {
+        let folder = &args.folder;
+        let recording_file = folder.join("recording.json");
+        let mut files = Vec::new();
+        let (serial, frames) = if recording_file.exists() {
+            let recording = read_recording(folder)?;
+            let boards = recording
+                .frames
+                .into_iter()
+                .filter(|f| f.role == Role::Board && (f.laser == Laser::On || args.camera_only));
+            files.push(recording_file);
+            (recording.serial, boards.map(|f| BoardFrame { id: f.id, file: f.file }).collect())
+        } else {
+            let name = folder.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            (name, pictures_in(folder)?)
+        };
+        let board = match &args.board {
+            Some(BoardSpec::Grid(board)) => *board,
+            Some(BoardSpec::File(file)) => {
+                files.push(file.clone());
+                Board::from(read_board(file)?)
+            }
+            None => {
+                let file = folder.join("board.json");
+                if !file.exists() {
+                    let text =
+                        format!("{}: no such file; --board 7x7:37.5:18.75 gives the board", file.display());
+                    return Err(Usage(text).into());
+                }
+                files.push(file.clone());
+                Board::from(read_board(&file)?)
+            }
+        };
+        Ok(Self { serial: args.serial.clone().unwrap_or(serial), frames, board, files })
+    }
+
+    /// All files that are read.
+    pub fn all_files(&self) -> impl Iterator<Item = &Path> {
+        self.files.iter().map(PathBuf::as_path).chain(self.frames.iter().map(|f| f.file.as_path()))
+    }
+}
+
+/// The JPEGs of a folder by name.
+fn pictures_in(folder: &Path) -> anyhow::Result<Vec<BoardFrame>> {
+    use anyhow::Context;
+    let mut frames = Vec::new();
+    for entry in std::fs::read_dir(folder).with_context(|| folder.display().to_string())? {
+        let file = entry.with_context(|| folder.display().to_string())?.path();
+        let jpeg =
+            file.extension().is_some_and(|e| e.eq_ignore_ascii_case("jpg") || e.eq_ignore_ascii_case("jpeg"));
+        if jpeg {
+            frames.push(BoardFrame {
+                id: file.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+                file,
+            });
+        }
+    }
+    frames.sort_by(|a, b| a.id.cmp(&b.id));
+    if frames.is_empty() {
+        return Err(Usage(format!("{}: neither recording.json nor a .jpg is here", folder.display())).into());
+    }
+    Ok(frames)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_board_is_a_grid_or_a_file() {
+        let grid = parse_board_spec("7x7:37.5:18.75").unwrap();
+        assert_eq!(grid, BoardSpec::Grid(Board { columns: 7, rows: 7, pitch_mm: 37.5, diameter_mm: 18.75 }));
+        for file in ["board.json", "C:/boards/b.json", "boards/7x7.json"] {
+            assert_eq!(parse_board_spec(file), Ok(BoardSpec::File(file.into())));
+        }
+        // In metres, without a diameter, circles over each other, none, too many.
+        for wrong in [
+            "7x7:0.0375:0.01875",
+            "7x7:37.5",
+            "7x7:20:25",
+            "7x0:37.5:18",
+            "7x4000000000:37.5:18",
+            "7x7",
+            "7x7:nan:18",
+        ] {
+            assert!(parse_board_spec(wrong).unwrap_err().contains("COLUMNSxROWS"), "{wrong}");
+        }
+    }
+}
