@@ -6,7 +6,7 @@ use boxline::network::CHANNELS;
 use boxline::{EdgeMethod, Error, ErrorKind, Method, Settings};
 use boxline_edgenet::{AnyNet, EdgeNet, Options};
 #[cfg(feature = "render")]
-use boxline_sim::{Hazards, recording::Kind};
+use boxline_sim::{Hazards, HeadKind, board::Faults, recording::Kind};
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -289,9 +289,13 @@ pub struct RenderArgs {
     /// The head does not move before the view with the lasers off
     #[arg(long, requires = "off")]
     pub still: bool,
-    /// A head as production scatters it, or the paper's
+    /// A head as production scatters it, the paper's, or one with a lens that is not centred and has an r^6 term
     #[arg(long, value_enum, default_value_t = HeadName::Random)]
     pub head: HeadName,
+    /// What is wrong with a board and the head that sees it: the focal length changes between frames by a share (1 sigma), the board bows
+    /// by mm, its columns' pitch is larger by a share
+    #[arg(long, value_name = "focus=0.003,bow=2,stretch=0.001", default_value = "", hide_default_value = true, value_parser = Faults::parse)]
+    pub faults: Faults,
     /// JPEGs for prints, posters and walls (rust/edgenet/training/photos.sh fills a folder)
     #[arg(long, value_name = "FOLDER")]
     pub photos: Option<PathBuf>,
@@ -333,6 +337,8 @@ pub enum RenderKind {
     Refuse,
     /// Faces of which something hides a part; they must be refused
     Occluded,
+    /// Frames of the circle board, for `boxline calibrate`
+    Board,
 }
 
 #[cfg(feature = "render")]
@@ -346,6 +352,7 @@ impl RenderKind {
             Self::Face => Kind::Faces(frames),
             Self::Refuse => Kind::Refuse(frames),
             Self::Occluded => Kind::Occluded(frames),
+            Self::Board => Kind::Board(frames),
         }
     }
 }
@@ -355,6 +362,18 @@ impl RenderKind {
 pub enum HeadName {
     Random,
     Nominal,
+    Real,
+}
+
+#[cfg(feature = "render")]
+impl HeadName {
+    pub const fn kind(self) -> HeadKind {
+        match self {
+            Self::Random => HeadKind::Random,
+            Self::Nominal => HeadKind::Nominal,
+            Self::Real => HeadKind::Real,
+        }
+    }
 }
 
 #[derive(ClapArgs)]

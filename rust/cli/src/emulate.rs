@@ -9,7 +9,7 @@ use boxline_proto::message::encode_calibration;
 #[cfg(feature = "render")]
 use boxline_sim::{
     Split, Stock,
-    recording::{Detail, Hold, Kind, Recipe, write_recording},
+    recording::{Hold, Kind, Recipe, write_recording},
 };
 use boxline_uvc::descriptor::UvcVersion;
 use boxline_uvc::emulator::{Pipe, Settings, Shot, SoftwareHead, Source, WithoutBus, usbip};
@@ -106,13 +106,7 @@ fn shown(args: &EmulateArgs) -> anyhow::Result<(Calibration, Source)> {
     #[cfg(feature = "render")]
     if let Some(seed) = args.render {
         let folder = tempfile::tempdir()?; // gone when the frames are read
-        let recipe = Recipe {
-            seed,
-            kind: Kind::Box,
-            off: Some(Hold::Hand),
-            nominal_head: false,
-            detail: Detail::Everywhere,
-        };
+        let recipe = Recipe { off: Some(Hold::Hand), ..Recipe::new(seed, Kind::Box) };
         write_recording(folder.path(), &recipe, &Stock::new(Split::Training))?;
         return recorded(folder.path());
     }

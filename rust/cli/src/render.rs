@@ -1,10 +1,10 @@
 //! `boxline render`: recordings whose truth is known, or labelled frames for training, from `rust/sim`.
 
 use crate::Finished;
-use crate::args::{HeadName, RenderArgs};
+use crate::args::RenderArgs;
 use crate::input::Usage;
 use anyhow::Context;
-use boxline_sim::recording::{Detail, Hold, Recipe, write_recording};
+use boxline_sim::recording::{Hold, Recipe, write_recording};
 use boxline_sim::stream::{sample, write_stream};
 use boxline_sim::views::write_views;
 use boxline_sim::{Split, Stock};
@@ -58,11 +58,10 @@ fn recordings(args: &RenderArgs, out: &Path, stock: &Stock) -> anyhow::Result<Fi
     let progress = ProgressBar::new(count).with_style(ProgressStyle::with_template("{bar:30} {pos}/{len}")?);
     for (seed, folder) in &folders {
         let recipe = Recipe {
-            seed: *seed,
-            kind,
             off: args.off.then_some(if args.still { Hold::Still } else { Hold::Hand }),
-            nominal_head: matches!(args.head, HeadName::Nominal),
-            detail: Detail::Everywhere,
+            head: args.head.kind(),
+            faults: args.faults,
+            ..Recipe::new(*seed, kind)
         };
         // A recording appears whole or not at all: it is written beside its place and then moved there.
         let beside = tempfile::Builder::new()

@@ -63,7 +63,7 @@ fn main() -> Outcome<()> {
 
 /// Writes the strips of a box's two faces.
 fn faces(recorder: &Recorder, seed: u64, stock: &Stock, out: &Path) -> Outcome<()> {
-    let recipe = Recipe { seed, kind: Kind::Box, off: None, nominal_head: false, detail: Detail::AroundFace };
+    let recipe = Recipe { detail: Detail::AroundFace, ..Recipe::new(seed, Kind::Box) };
     let mut files = BTreeMap::new();
     render_recording(&recipe, stock, |name, bytes| {
         files.insert(name.to_owned(), bytes);

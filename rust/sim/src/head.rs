@@ -29,6 +29,18 @@ const NOMINAL_PLANES: [[f64; 3]; 4] = [
     [0.007_998_85, 0.007_305_13, -0.000_385_06],
 ];
 
+/// Which head.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum HeadKind {
+    /// The paper's ([`Head::nominal`]).
+    Nominal,
+    /// As production scatters it ([`Head::random`]).
+    #[default]
+    Random,
+    /// With a real lens ([`Head::real`]).
+    Real,
+}
+
 /// One line laser.
 #[derive(Clone, Copy, Debug)]
 pub struct Beam {
@@ -95,6 +107,46 @@ impl Head {
         Err(last.unwrap_or_else(|| Error::new("head", "no head drawn")))
     }
 
+    /// A head as [`Self::random`] with a real lens: decentred by up to 0.01, and k3.
+    ///
+    /// # Errors
+    /// As [`Self::random`].
+    pub fn real(rng: &mut Rng) -> Result<Self, Error> {
+        let head = Self::random(rng)?;
+        let mut camera = *head.calibration.camera();
+        let (size, way) = (rng.range(0.001, 0.01), rng.range(0.0, std::f64::consts::TAU));
+        (camera.p1, camera.p2, camera.k3) = (size * way.cos(), size * way.sin(), rng.range(-0.2, 0.2));
+        head.with_camera(camera)
+    }
+
+    /// The head of a kind for a seed's random numbers.
+    ///
+    /// # Errors
+    /// As [`Self::random`].
+    pub fn of_kind(kind: HeadKind, rng: &mut Rng) -> Result<Self, Error> {
+        match kind {
+            HeadKind::Nominal => Self::nominal(),
+            HeadKind::Random => Self::random(rng),
+            HeadKind::Real => Self::real(rng),
+        }
+    }
+
+    /// The same with another focal length, by this factor.
+    ///
+    /// # Errors
+    /// If core refuses it.
+    pub fn with_focus(&self, factor: f64) -> Result<Self, Error> {
+        let camera = *self.calibration.camera();
+        self.with_camera(CameraModel { fx: camera.fx * factor, fy: camera.fy * factor, ..camera })
+    }
+
+    /// The same beams beside another camera.
+    fn with_camera(&self, camera: CameraModel) -> Result<Self, Error> {
+        let planes = [0, 1, 2, 3].map(|i| self.plane(i).into());
+        let head = Self::new(self.calibration.serial(), camera, planes, [1.0; 4], [2.5; 4])?;
+        Ok(Self { beams: self.beams, ..head })
+    }
+
     /// A head with these parameters and usual beams; planes `p . X = 1`, 1/mm.
     ///
     /// # Errors
@@ -120,7 +172,9 @@ impl Head {
             cy: round(camera.cy, 6),
             k1: round(camera.k1, 9),
             k2: round(camera.k2, 9),
-            ..CameraModel::PINHOLE
+            p1: round(camera.p1, 9),
+            p2: round(camera.p2, 9),
+            k3: round(camera.k3, 9),
         };
         let planes = planes.map(|p| p.map(|x| round(x, 10)));
         let calibration =
@@ -156,13 +210,19 @@ impl Head {
                 [p.x, p.y, p.z, -1.0]
             })
             .collect();
-        json!({
+        let mut value = json!({
             "format": "boxline-calibration/1",
             "serial": self.calibration.serial(),
             "image_size": SENSOR_PX,
             "camera": {"fx": camera.fx, "fy": camera.fy, "skew": camera.skew, "cx": camera.cx, "cy": camera.cy,
                        "k1": camera.k1, "k2": camera.k2},
             "laser_planes": planes,
-        })
+        });
+        if !camera.has_paper_lens() {
+            for (key, term) in [("p1", camera.p1), ("p2", camera.p2), ("k3", camera.k3)] {
+                value["camera"][key] = json!(term);
+            }
+        }
+        value
     }
 }

@@ -9,6 +9,7 @@
 //! (pixel centres at integers). Nothing here is part of the measuring program's results.
 #![forbid(unsafe_code)]
 
+pub mod board;
 pub mod ends;
 pub mod error;
 pub mod hazard;
@@ -36,7 +37,7 @@ pub mod world;
 
 pub use error::Error;
 pub use hazard::{Hazard, Hazards};
-pub use head::Head;
+pub use head::{Head, HeadKind};
 pub use photos::Photos;
 pub use raster::Raster;
 pub use rng::Rng;

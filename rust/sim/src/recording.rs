@@ -1,7 +1,8 @@
 //! Writes recordings in the standard format: frames, `recording.json`, `truth.json`, `calibration.json`.
 
+use crate::board::{Faults, render_board};
 use crate::error::Error;
-use crate::head::{Head, SENSOR_PX};
+use crate::head::{Head, HeadKind, SENSOR_PX};
 use crate::pose::{Refuse, px_of};
 use crate::raster::Raster;
 use crate::render::sensor::{Optics, Sensor};
@@ -31,6 +32,8 @@ pub enum Kind {
     Refuse(usize),
     /// This many faces that something hides in part, which must be refused too.
     Occluded(usize),
+    /// This many frames of the circle board.
+    Board(usize),
 }
 
 /// How the head is held from the lit picture to the unlit one.
@@ -73,10 +76,21 @@ pub struct Recipe {
     pub kind: Kind,
     /// Adds the frames with the lasers off, held so.
     pub off: Option<Hold>,
-    /// The paper's head instead of a random one.
-    pub nominal_head: bool,
+    /// Which head.
+    pub head: HeadKind,
+    /// What is wrong with a board and the head that sees it.
+    pub faults: Faults,
     /// How finely.
     pub detail: Detail,
+}
+
+impl Recipe {
+    /// A random head, nothing wrong with it, no frames with the lasers off, everything drawn finely.
+    #[must_use]
+    pub const fn new(seed: u64, kind: Kind) -> Self {
+        let faults = Faults { focus: 0.0, bow_mm: 0.0, stretch: 0.0 };
+        Self { seed, kind, off: None, head: HeadKind::Random, faults, detail: Detail::Everywhere }
+    }
 }
 
 /// What is drawn finely around a face, sensor px: as far as stripes and edges beside it tell where it ends.
@@ -170,11 +184,15 @@ pub fn render_recording(
     stock: &Stock,
     mut put: impl FnMut(&str, Vec<u8>) -> Result<(), Error>,
 ) -> Result<(), Error> {
-    let Recipe { seed, kind, off, nominal_head, detail } = *recipe;
-    let head = if nominal_head { Head::nominal()? } else { Head::random(&mut Rng::new(seed, 1))? };
+    let Recipe { seed, kind, off, head, faults, detail } = *recipe;
+    let head = Head::of_kind(head, &mut Rng::new(seed, 1))?;
     let mut rng = Rng::new(seed, 2);
+    if let Kind::Board(n) = kind {
+        return render_board(&head, n, &faults, &mut rng, stock, put);
+    }
     let mut scenes = Vec::new();
     match kind {
+        Kind::Board(_) => {}
         Kind::Box => scenes.push(compose(&mut rng, &head, Plan::Box, stock)),
         Kind::Three => scenes.push(compose(&mut rng, &head, Plan::Three, stock)),
         Kind::Twins => scenes.push(compose(&mut rng, &head, Plan::Twins, stock)),
@@ -197,7 +215,7 @@ pub fn render_recording(
         }
     }
     let prefix = match kind {
-        Kind::Box | Kind::Three | Kind::Twins => "",
+        Kind::Box | Kind::Three | Kind::Twins | Kind::Board(_) => "",
         Kind::Faces(_) => "f",
         Kind::Refuse(_) => "r",
         Kind::Occluded(_) => "o",

@@ -5,14 +5,14 @@ use super::recorded::Recorded;
 use boxline::{Calibration, Error, ErrorKind, Frame};
 use boxline_proto::json::{RecordedFrame, parse_calibration, parse_recording, parse_truth};
 use boxline_sim::Stock;
-use boxline_sim::recording::{Detail, Kind, Recipe, render_recording};
+use boxline_sim::recording::{Kind, Recipe, render_recording};
 use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Renders the recording of a seed and decodes it.
 pub fn recorded(name: &str, kind: Kind, seed: u64, stock: &Stock) -> anyhow::Result<(Recorded, Calibration)> {
     let mut files = BTreeMap::new();
-    let recipe = Recipe { seed, kind, off: None, nominal_head: false, detail: Detail::Everywhere };
+    let recipe = Recipe::new(seed, kind);
     render_recording(&recipe, stock, |name, bytes| {
         files.insert(name.to_owned(), bytes);
         Ok(())

@@ -23,7 +23,8 @@ pub enum MisfitKind {
     FocusChanges,
     /// The picture is shifted on the sensor from frame to frame: the lens or the sensor is loose. Size: px rms.
     Shifted,
-    /// The boards of the frames are not one board. Size: difference of their pitches as a share, rms.
+    /// The boards of the frames are not one board, or frames show rows and columns of one exchanged that is stretched: a part of a grid does
+    /// not tell which are which. Size: difference of their pitches as a share, rms.
     BoardsDiffer,
 }
 
@@ -102,7 +103,11 @@ impl std::fmt::Display for Misfit {
                 write!(f, "frames are shifted on the sensor against each other by {size:.2} px rms")?
             }
             MisfitKind::BoardsDiffer => {
-                write!(f, "the frames show boards whose pitches differ by {:.3} % rms", 100.0 * size)?;
+                write!(
+                    f,
+                    "the frames show boards whose pitches differ by {:.3} % rms, or one whose rows and columns differ",
+                    100.0 * size
+                )?;
             }
         }
         write!(
@@ -160,21 +165,18 @@ pub(super) fn misfits(solved: &Solved) -> Vec<Misfit> {
     let (rms_px, chi_all) = solved.residual();
     let single_px = solved.single_px();
     let mut left: f64 = 1.0;
-    while let Some((kind, explained)) = MisfitKind::ALL
-        .into_iter()
-        .filter(|kind| !kinds.contains(kind))
-        .filter_map(|kind| {
+    loop {
+        let more = MisfitKind::ALL.into_iter().filter(|kind| !kinds.contains(kind)).filter_map(|kind| {
             let wider: Vec<MisfitKind> = kinds.iter().copied().chain([kind]).collect();
-            Some((kind, solved.explained_by(&wider)?))
-        })
-        .max_by(|a, b| a.1.worth(chi_all).total_cmp(&b.1.worth(chi_all)))
-    {
-        let chi_square = explained.chi_square - before.chi_square;
-        let limit = one_in_a_thousand(explained.unknowns.saturating_sub(before.unknowns).max(1) as f64);
-        let then = (1.0 - explained.chi_square / chi_all).clamp(0.0, 1.0);
-        if chi_square < limit || left - then < LEAST_EXPLAINED {
-            break;
-        }
+            let explained = solved.explained_by(&wider)?;
+            let chi_square = explained.chi_square - before.chi_square;
+            let limit = one_in_a_thousand(explained.unknowns.saturating_sub(before.unknowns).max(1) as f64);
+            let then = (1.0 - explained.chi_square / chi_all).clamp(0.0, 1.0);
+            let told = chi_square >= limit && left - then >= LEAST_EXPLAINED;
+            told.then_some((kind, explained, chi_square, limit, then))
+        });
+        let best = more.max_by(|a, b| a.1.worth(chi_all).total_cmp(&b.1.worth(chi_all)));
+        let Some((kind, explained, chi_square, limit, then)) = best else { return found };
         let own = solved.columns(kind);
         let first = explained.values.len() - own;
         let of_kind = |all: &DVector<f64>| all.rows(first, own).into_owned();
@@ -184,7 +186,6 @@ pub(super) fn misfits(solved: &Solved) -> Vec<Misfit> {
         kinds.push(kind);
         (before, left) = (explained, then);
     }
-    found
 }
 
 /// Wilson and Hilferty's quantile of chi-square.

@@ -85,7 +85,7 @@ fn has_borders(art: &Art) -> bool {
         Art::Fill(_) | Art::Print(..) | Art::Tape(..) | Art::Outline(..) | Art::Label(..) | Art::Photo(_) => {
             true
         }
-        Art::Text(..) | Art::Arrows(_) | Art::Glass(_) | Art::Hole => false,
+        Art::Text(..) | Art::Arrows(_) | Art::Glass(_) | Art::Hole | Art::Disc(_) => false,
     }
 }
 

@@ -35,6 +35,8 @@ pub enum Art {
     Photo(usize),
     /// A slot with round ends through the board: darkness behind it.
     Hole,
+    /// A printed disc, or an ellipse's slot with round ends. sRGB.
+    Disc([u8; 3]),
 }
 
 /// Something on a face.
@@ -73,7 +75,11 @@ impl Decal {
     pub fn stamp(&self, foot: f32) -> Stamp {
         let side = |half: f32| ((2.0 * half / foot * 1.2) as usize).clamp(2, 1400);
         let tint = match &self.art {
-            Art::Fill(rgb) | Art::Print(_, rgb, _) | Art::Tape(rgb, _) | Art::Outline(rgb, _) => linear(*rgb),
+            Art::Fill(rgb)
+            | Art::Print(_, rgb, _)
+            | Art::Tape(rgb, _)
+            | Art::Outline(rgb, _)
+            | Art::Disc(rgb) => linear(*rgb),
             _ => V3::default(),
         };
         Stamp {
@@ -120,7 +126,11 @@ impl Decal {
                 map.pen([0.25 * wf, 0.92 * hf, 0.75 * wf, 0.92 * hf], 0.04 * hf, *rgb);
                 map
             }
-            Art::Fill(rgb) | Art::Print(_, rgb, _) | Art::Tape(rgb, _) | Art::Outline(rgb, _) => clear(rgb),
+            Art::Fill(rgb)
+            | Art::Print(_, rgb, _)
+            | Art::Tape(rgb, _)
+            | Art::Outline(rgb, _)
+            | Art::Disc(rgb) => clear(rgb),
             Art::Photo(_) | Art::Hole => clear(&[0; 3]),
         }
     }
@@ -181,6 +191,10 @@ impl Stamp {
                 // The board's cut edge catches some light below.
                 let lip = if y > 0.0 { (1.0 - deep / LIP_MM).clamp(0.0, 1.0) } else { 0.0 };
                 (*colour * (0.3 * lip) + INSIDE, (0.5 + deep / foot).clamp(0.0, 1.0))
+            }
+            Art::Disc(_) => {
+                let to_end = (x.abs() - (half_x - half_y)).max(0.0);
+                (self.tint, (0.5 + (half_y - to_end.hypot(y)) / foot).clamp(0.0, 1.0))
             }
             _ => {
                 let map = self.map.get_or_init(|| decal.draw(self.texels[0], self.texels[1]));

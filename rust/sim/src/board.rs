@@ -1,0 +1,188 @@
+//! Frames of the circle board for `boxline calibrate`, lasers on: a recording with `board.json`, the true calibration and, in `truth.json`,
+//! the board's poses. What a real head or board does otherwise than the model is drawn too ([`Faults`]).
+
+use crate::error::Error;
+use crate::head::Head;
+use crate::material::{Art, Decal, Look, Pattern, Surface};
+use crate::pose::{FacePose, inside, px_of};
+use crate::recording::{Detail, Exposure, expose_full_frame, jpeg};
+use crate::render::sensor::Optics;
+use crate::rng::Rng;
+use crate::shape::Shape;
+use crate::stock::Stock;
+use crate::vec3::v3;
+use crate::world::compose::Words;
+use crate::world::light::lighting;
+use crate::world::{Body, Role, Scene, View};
+use nalgebra::{Matrix3, Rotation3, Vector3};
+use serde_json::{Value, json};
+use std::collections::BTreeSet;
+
+/// The board of the paper's size: circles along its columns and rows, mm.
+const CIRCLES: [u32; 2] = [12, 11];
+const PITCH_MM: f64 = 100.0;
+const DIAMETER_MM: f64 = 50.0;
+const SIZE_MM: Vector3<f64> = Vector3::new(5.0, 1300.0, 1200.0);
+/// The printed face looks along the body's x axis.
+const FACE: usize = 0;
+/// Views: distance, tilt, and the least share of the circles in the picture.
+const DISTANCE_MM: (f64, f64) = (650.0, 2600.0);
+const MOST_TILT_DEG: f64 = 45.0;
+const LEAST_SEEN: f64 = 0.4;
+
+/// What is not as the model has it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Faults {
+    /// The focal length changes from frame to frame by this share, 1 sigma.
+    pub focus: f64,
+    /// The board's middle stands before its border by this much, mm.
+    pub bow_mm: f64,
+    /// The pitch along the columns is larger by this share.
+    pub stretch: f64,
+}
+
+impl Faults {
+    /// `focus=0.003,bow=2,stretch=0.001`, each of which may be left out.
+    ///
+    /// # Errors
+    /// What is none of these.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let mut faults = Self::default();
+        for part in text.split(',').filter(|part| !part.is_empty()) {
+            let wrong = || format!("{part:?} is none of focus=SHARE, bow=MM, stretch=SHARE");
+            let (name, value) = part.split_once('=').ok_or_else(wrong)?;
+            let value = value.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(wrong)?;
+            match name {
+                "focus" => faults.focus = value,
+                "bow" => faults.bow_mm = value,
+                "stretch" => faults.stretch = value,
+                _ => return Err(wrong()),
+            }
+        }
+        Ok(faults)
+    }
+}
+
+/// Renders a set of frames and hands over its files by name.
+///
+/// # Errors
+/// Whatever `put` says, or core refuses the head.
+pub fn render_board(
+    head: &Head,
+    frames: usize,
+    faults: &Faults,
+    rng: &mut Rng,
+    stock: &Stock,
+    mut put: impl FnMut(&str, Vec<u8>) -> Result<(), Error>,
+) -> Result<(), Error> {
+    let (mut listed, mut poses): (Vec<Value>, Vec<Value>) = (Vec::new(), Vec::new());
+    for n in 0..frames {
+        let rng = &mut rng.child();
+        let seen_by = head.with_focus(1.0 + faults.focus * rng.normal())?;
+        let pose = place(rng, &seen_by);
+        let scene = scene(rng, &seen_by, &pose, faults);
+        let seed = u64::from(rng.bits());
+        let exposure = Exposure { lasers: true, seed, optics: Optics::AsFound, detail: Detail::Everywhere };
+        let rgb = expose_full_frame(&seen_by, &scene, &scene.views[0], &exposure, stock);
+        let id = format!("c{:02}", n + 1);
+        put(&format!("{id}.jpg"), jpeg(&rgb, seed)?)?;
+        listed.push(json!({"id": id, "file": format!("{id}.jpg"), "role": "board", "laser": "on"}));
+        // The board's frame has z out of the printed side; the face's has it into the board.
+        let [x, y, z] = [0, 1, 2].map(|i| pose.cam_from_face.column(i).into_owned());
+        let rotation = Matrix3::from_columns(&[x, -y, -z]);
+        let rows: Vec<Vec<f64>> = rotation.row_iter().map(|r| r.iter().copied().collect()).collect();
+        poses.push(json!({"frame": id, "R_board_to_cam": rows, "t_mm": pose.centre.as_slice()}));
+    }
+    let recording = json!({
+        "format": "boxline-recording/1",
+        "device": {"serial": head.calibration.serial()},
+        "calibration": "calibration.json",
+        "frames": listed,
+    });
+    let board = json!({
+        "format": "boxline-board/1", "kind": "circles", "columns": CIRCLES[0], "rows": CIRCLES[1], "pitch_mm": PITCH_MM,
+        "diameter_mm": DIAMETER_MM, "width_mm": SIZE_MM.y, "height_mm": SIZE_MM.z, "thickness_mm": SIZE_MM.x,
+    });
+    let faults = json!({"focus": faults.focus, "bow_mm": faults.bow_mm, "stretch": faults.stretch});
+    for (name, value) in [
+        ("recording.json", recording),
+        ("board.json", board),
+        ("calibration.json", head.calibration_json()),
+        ("truth.json", json!({"board_poses": poses, "faults": faults})),
+    ] {
+        put(name, serde_json::to_vec_pretty(&value).map_err(|e| Error::new(name, e))?)?;
+    }
+    Ok(())
+}
+
+/// A board before the head, turned and tilted, much of it in the picture.
+fn place(rng: &mut Rng, head: &Head) -> FacePose {
+    loop {
+        let tilt = Rotation3::from_axis_angle(
+            &nalgebra::Unit::new_normalize(Vector3::new(rng.normal(), rng.normal(), 0.0)),
+            rng.range(0.0, MOST_TILT_DEG).to_radians(),
+        );
+        let roll = Rotation3::from_axis_angle(&Vector3::z_axis(), rng.range(0.0, std::f64::consts::TAU));
+        let distance_mm = rng.log_range(DISTANCE_MM.0, DISTANCE_MM.1);
+        let aside = Vector3::new(rng.range(-0.25, 0.25), rng.range(-0.2, 0.2), 1.0);
+        let half = [0.5 * SIZE_MM.y, 0.5 * SIZE_MM.z];
+        let pose = FacePose { cam_from_face: (tilt * roll).into_inner(), centre: aside * distance_mm, half };
+        let seen =
+            centres(0.0).filter(|[u, v]| px_of(head, &pose.point(*u, *v)).is_some_and(|px| inside(px, 30.0)));
+        if seen.count() as f64 >= LEAST_SEEN * f64::from(CIRCLES[0] * CIRCLES[1]) {
+            return pose;
+        }
+    }
+}
+
+/// Centres of the circles on the face, right and down, mm.
+fn centres(stretch: f64) -> impl Iterator<Item = [f64; 2]> {
+    let at = |i: u32, n: u32| (f64::from(i) - 0.5 * f64::from(n - 1)) * PITCH_MM;
+    let [columns, rows] = CIRCLES;
+    (0..rows).flat_map(move |r| (0..columns).map(move |c| [at(c, columns) * (1.0 + stretch), at(r, rows)]))
+}
+
+fn scene(rng: &mut Rng, head: &Head, pose: &FacePose, faults: &Faults) -> Scene {
+    let centre = Vector3::new(0.0, 0.0, 1200.0);
+    let white = rng.range_f32(0.7, 0.9);
+    let surface = Surface {
+        kind: "board",
+        pattern: Pattern::Paint,
+        base: v3(white, white, white),
+        second: v3(white, white, white),
+        strength: 0.3,
+        offset: [rng.range_f32(0.0, 500.0), rng.range_f32(0.0, 500.0)],
+    };
+    let mut look = Look::bare(surface, 0.03);
+    look.decals = centres(faults.stretch)
+        .map(|at| Decal {
+            kind: "circle",
+            face: FACE,
+            centre: at.map(|x| x as f32),
+            turn_rad: 0.0,
+            half: [0.5 * DIAMETER_MM as f32; 2],
+            art: Art::Disc([28, 28, 30]),
+            gloss: None,
+        })
+        .collect();
+    let mut shape = Shape::default();
+    shape.bulge_mm[FACE] = faults.bow_mm as f32;
+    let half = 0.5 * SIZE_MM;
+    let body = Body { centre, rotation: Matrix3::identity(), half, shape, look, role: Role::Target };
+    let mut view = View::of_face(pose, FACE, centre, &half);
+    let light = lighting(rng, centre, pose.centre.norm());
+    let normal = Vector3::x();
+    view.exposure =
+        rng.range(0.75, 1.0) / light.free_irradiance(centre + normal * 100.0, normal).max(0.15).powf(0.9);
+    Scene {
+        bodies: vec![body],
+        target: Some(0),
+        light,
+        views: vec![view],
+        beams: head.beams,
+        refuse: None,
+        hidden: None,
+        words: Words { base: "none", stand: "none", neighbours: Vec::new() },
+        hazards: BTreeSet::new(),
+    }
+}
