@@ -27,16 +27,14 @@ PICTURE_ROWS, MAP_ROWS = 45, 18  # the last row has the facts
 HEAD = 7  # numbers before the bytes of a record
 RECORD = 4 * HEAD + CHANNELS * (ROWS - 1) * COLUMNS
 RIGHT_PX = 10.0
-WIDTH = 24
 OPSET = 17
 LARGEST_DIFFERENCE = 1e-4
 
 
 class Lines(nn.Module):
-    """A strip (n, 3, 64, 64) to the logarithm of the line's odds (n, 1, 1, 1): the mean of what it and its mirror image tell, since a side
-    has no direction."""
+    """A strip (n, 3, 64, 64) to the logarithm of the line's odds (n, 1, 1, 1)."""
 
-    def __init__(self, width: int = WIDTH, dropout: float = 0.3):
+    def __init__(self, width: int = 24, dropout: float = 0.3):
         super().__init__()
         # The first layer sees all rows at once: where across the line something is counts, where along it does not.
         self.rows = nn.Conv1d(CHANNELS * (ROWS - 1), width, 3, padding=1)
@@ -47,9 +45,6 @@ class Lines(nn.Module):
         self.dropout = nn.Dropout(dropout)
 
     def forward(self, strip: torch.Tensor) -> torch.Tensor:
-        return 0.5 * (self.told_by(strip) + self.told_by(strip.flip(3)))
-
-    def told_by(self, strip: torch.Tensor) -> torch.Tensor:
         picture = strip[:, :, :PICTURE_ROWS]
         # Brightness and contrast of the scene tell nothing.
         mean = picture.mean((1, 2, 3), keepdim=True)
@@ -192,7 +187,7 @@ def train(data: Sides, validation: Sides, options: argparse.Namespace) -> Lines:
         for first in range(0, len(sides), options.batch):
             batch = sides[first : first + options.batch]
             index, side = data.lines(batch)
-            told = network.told_by(varied(data.images(index), rng)).flatten()
+            told = network(varied(data.images(index), rng)).flatten()
             loss = -log_probability(told, data.right[index], side, len(batch)).mean()
             optimiser.zero_grad()
             loss.backward()

@@ -186,3 +186,19 @@ fn scene(rng: &mut Rng, head: &Head, pose: &FacePose, faults: &Faults) -> Scene 
         hazards: BTreeSet::new(),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn faults_are_read_and_others_named() {
+        let all = Faults { focus: 0.003, bow_mm: -2.0, stretch: 0.001 };
+        assert_eq!(Faults::parse("focus=0.003,bow=-2,stretch=0.001"), Ok(all));
+        assert_eq!(Faults::parse(""), Ok(Faults::default()));
+        for wrong in ["bow", "bow=much", "bow=inf", "shrink=1", "focus=0.1,"] {
+            let found = Faults::parse(wrong);
+            assert!(wrong.ends_with(',') == found.is_ok(), "{wrong}: {found:?}");
+        }
+    }
+}

@@ -1,8 +1,8 @@
 //! What `boxline calibrate` is given: frames of a board, from a recording or from any folder of JPEGs, and the board.
 
 use super::CalibrateArgs;
-use crate::input::Usage;
 use boxline::calib::Board;
+use boxline::{Error, ErrorKind};
 use boxline_proto::json::{Laser, Role, read_board, read_recording};
 use std::path::{Path, PathBuf};
 
@@ -84,9 +84,8 @@ impl Input {
             None => {
                 let file = folder.join("board.json");
                 if !file.exists() {
-                    let text =
-                        format!("{}: no such file; --board 7x7:37.5:18.75 gives the board", file.display());
-                    return Err(Usage(text).into());
+                    let text = "no such file; --board 7x7:37.5:18.75 says what the board is";
+                    return Err(Error::new(ErrorKind::Io, text).in_context(file.display()).into());
                 }
                 files.push(file.clone());
                 Board::from(read_board(&file)?)
@@ -118,7 +117,8 @@ fn pictures_in(folder: &Path) -> anyhow::Result<Vec<BoardFrame>> {
     }
     frames.sort_by(|a, b| a.id.cmp(&b.id));
     if frames.is_empty() {
-        return Err(Usage(format!("{}: neither recording.json nor a .jpg is here", folder.display())).into());
+        let text = "neither recording.json nor a .jpg is here";
+        return Err(Error::new(ErrorKind::Io, text).in_context(folder.display()).into());
     }
     Ok(frames)
 }

@@ -166,6 +166,9 @@ fn jobs<'a>(args: &EvaluateArgs, listed: &'a Listed, book: &Book) -> anyhow::Res
         .collect();
     #[cfg(feature = "render")]
     if let Some(count) = args.simulate {
+        if matches!(args.kind, crate::args::RenderKind::Board) {
+            return Err(Usage("--kind board: sets of the board are for `boxline calibrate`".into()).into());
+        }
         let last = args.seed.checked_add(count).context("--seed and --simulate: too large together")?;
         all.extend(
             (args.seed..last).map(|seed| (format!("{}-{seed}", value_name(args.kind)), What::Seed(seed))),
