@@ -124,7 +124,8 @@ impl CameraModel {
             let slope = self.ideal_by_distorted(d);
             // The slope is symmetric; its smaller eigenvalue.
             let (mean, half) = (0.5 * slope.trace(), 0.5 * (slope[(0, 0)] - slope[(1, 1)]));
-            if !(mean - half.hypot(slope[(0, 1)]) > LEAST_SLOPE) {
+            let least = mean - half.hypot(slope[(0, 1)]);
+            if least.is_nan() || least <= LEAST_SLOPE {
                 return None;
             }
             let step = slope.try_inverse()? * off(d);

@@ -327,11 +327,11 @@ pub struct CameraAlone {
     pub centre_rms_px: [f64; 2],
     /// The views that take part, as given to [`solve_camera`].
     pub views: Vec<usize>,
-    /// As in [`CalibrationSolution`].
+    /// The lens's terms.
     pub lens: LensTerms,
-    /// ...
+    /// What was tried to choose them; nothing if they were given.
     pub lens_trials: Vec<LensTrial>,
-    /// ...
+    /// What the model does not fit, the largest first.
     pub misfits: Vec<Misfit>,
 }
 
