@@ -87,9 +87,9 @@ pub struct Recipe {
 impl Recipe {
     /// A random head, nothing wrong with it, no frames with the lasers off, everything drawn finely.
     #[must_use]
-    pub const fn new(seed: u64, kind: Kind) -> Self {
-        let faults = Faults { focus: 0.0, bow_mm: 0.0, stretch: 0.0 };
-        Self { seed, kind, off: None, head: HeadKind::Random, faults, detail: Detail::Everywhere }
+    pub fn new(seed: u64, kind: Kind) -> Self {
+        let (head, faults) = (HeadKind::default(), Faults::default());
+        Self { seed, kind, off: None, head, faults, detail: Detail::Everywhere }
     }
 }
 

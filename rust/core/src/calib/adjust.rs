@@ -50,6 +50,12 @@ pub(super) struct Scatter {
     pub centre_correlation: f64,
 }
 
+impl Scatter {
+    /// Sigmas as they are, nothing shared.
+    pub(super) const EVEN: Self =
+        Self { centres: 1.0, stripes: 1.0, stripe_correlation: 1.0, centre_correlation: 1.0 };
+}
+
 /// Information of an unknown that stays as it is, and what its variance is below.
 const FIXED: f64 = 1e30;
 const FIXED_VARIANCE: f64 = 1e-28;
@@ -319,6 +325,22 @@ pub(super) fn scatter(shared: &Shared, frames: &[FrameSeen]) -> Scatter {
         centre_correlation: correlation(&centre_runs, centres)
             .max(correlation_of_groups(centre_fields.iter().map(Vec::as_slice), centres)),
     }
+}
+
+/// Root mean square of all centres' residuals an axis, those that are 4.7 sigmas off left out.
+pub(super) fn rms_of_centres(shared: &Shared, frames: &[FrameSeen]) -> Vector2<f64> {
+    let spread = scatter(shared, frames).centres;
+    let (mut sum, mut n) = (Vector2::zeros(), 0.0);
+    for frame in frames {
+        let (centres, _) = residuals(shared, frame);
+        for (r, seen) in centres.iter().zip(&frame.centres) {
+            if r.iter().all(|x| weight(x / (seen.sigma_px * spread), Loss::Tukey) > 0.0) {
+                sum += r.component_mul(r);
+                n += 1.0;
+            }
+        }
+    }
+    (sum / f64::max(n, 1.0)).map(f64::sqrt)
 }
 
 /// Fewest circles for a frame's own scatter.

@@ -64,7 +64,8 @@ pub struct LensTrial {
     pub terms: LensTerms,
     /// Root mean square of the circles' residuals an axis, px, on frames left out of the fit, those beyond 4.7 sigmas left out.
     pub left_out_rms_px: f64,
-    /// By how much the logarithm of the left-out frames' likelihood rises against that with the terms before; `None` of the first.
+    /// By how much the logarithm of the left-out frames' likelihood, but for the frame that gains most, rises against that with the terms
+    /// before; `None` of the first.
     pub gain: Option<f64>,
 }
 
@@ -109,12 +110,13 @@ pub(super) fn choose(shared: &Shared, frames: &[FrameSeen], fixed: Fixed) -> (Le
 fn left_out(shared: &Shared, frames: &[FrameSeen], fixed: Fixed, spread: &Scatter) -> Option<Vec<LeftOut>> {
     let mut found = Vec::with_capacity(frames.len());
     for part in 0..PARTS.min(frames.len()) {
-        let mine = |(i, frame): (usize, &FrameSeen)| (i % PARTS == part).then(|| frame.clone());
-        let others = |(i, frame): (usize, &FrameSeen)| (i % PARTS != part).then(|| frame.clone());
+        let frames_where = |left_out: bool| -> Vec<FrameSeen> {
+            let wanted = |(i, _): &(usize, &FrameSeen)| (i % PARTS == part) == left_out;
+            frames.iter().enumerate().filter(wanted).map(|(_, frame)| frame.clone()).collect()
+        };
         let mut camera = shared.clone();
-        let mut fitted: Vec<FrameSeen> = frames.iter().enumerate().filter_map(others).collect();
-        adjust(&mut camera, &mut fitted, spread, fixed, Loss::Tukey)?;
-        let mut left: Vec<FrameSeen> = frames.iter().enumerate().filter_map(mine).collect();
+        adjust(&mut camera, &mut frames_where(false), spread, fixed, Loss::Tukey)?;
+        let mut left = frames_where(true);
         adjust(&mut camera, &mut left, spread, Fixed { all: true, ..fixed }, Loss::Huber)?;
         found.extend(left.iter().map(|frame| error(&camera, frame, spread)));
     }

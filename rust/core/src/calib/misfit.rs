@@ -3,7 +3,7 @@
 //! how large they come out and how much of the residuals they explain (a score test, Rao 1948). The pattern that explains most is named, then
 //! those that explain more beside it.
 
-use super::adjust::{Fixed, FrameSeen, Loss, Scatter, residuals, weight};
+use super::adjust::{Fixed, FrameSeen, Loss, Scatter, residuals, rms_of_centres, weight};
 use super::model::{POSE, Row, SHARED, Shared, centre_rows, point_on_board, px_by_point, stripe_row};
 use super::rim::median;
 use crate::eigen::symmetric_eigen;
@@ -160,22 +160,22 @@ pub(super) struct Solved<'a> {
 pub(super) fn misfits(solved: &Solved) -> Vec<Misfit> {
     let mut found: Vec<Misfit> = Vec::new();
     let mut kinds: Vec<MisfitKind> = Vec::new();
-    let mut before =
-        Explained { chi_square: 0.0, unknowns: 0, values: DVector::zeros(0), variances: DVector::zeros(0) };
-    let (rms_px, chi_all) = solved.residual();
+    // Chi-square and unknowns of the patterns so far.
+    let mut before = (0.0, 0);
+    let rms_px = rms_of_centres(solved.shared, solved.frames).norm() / std::f64::consts::SQRT_2;
     let single_px = solved.single_px();
     let mut left: f64 = 1.0;
     loop {
         let more = MisfitKind::ALL.into_iter().filter(|kind| !kinds.contains(kind)).filter_map(|kind| {
             let wider: Vec<MisfitKind> = kinds.iter().copied().chain([kind]).collect();
             let explained = solved.explained_by(&wider)?;
-            let chi_square = explained.chi_square - before.chi_square;
-            let limit = one_in_a_thousand(explained.unknowns.saturating_sub(before.unknowns).max(1) as f64);
-            let then = (1.0 - explained.chi_square / chi_all).clamp(0.0, 1.0);
+            let chi_square = explained.chi_square - before.0;
+            let limit = one_in_a_thousand(explained.unknowns.saturating_sub(before.1).max(1) as f64);
+            let then = (1.0 - explained.chi_square / explained.total).clamp(0.0, 1.0);
             let told = chi_square >= limit && left - then >= LEAST_EXPLAINED;
             told.then_some((kind, explained, chi_square, limit, then))
         });
-        let best = more.max_by(|a, b| a.1.worth(chi_all).total_cmp(&b.1.worth(chi_all)));
+        let best = more.max_by(|a, b| a.1.worth().total_cmp(&b.1.worth()));
         let Some((kind, explained, chi_square, limit, then)) = best else { return found };
         let own = solved.columns(kind);
         let first = explained.values.len() - own;
@@ -184,7 +184,7 @@ pub(super) fn misfits(solved: &Solved) -> Vec<Misfit> {
         let size = size.unwrap_or(rms_px * (left - then).sqrt());
         found.push(Misfit { kind, size, rms_px, single_px, chi_square, limit });
         kinds.push(kind);
-        (before, left) = (explained, then);
+        (before, left) = ((explained.chi_square, explained.unknowns), then);
     }
 }
 
@@ -197,6 +197,8 @@ fn one_in_a_thousand(degrees: f64) -> f64 {
 /// What added unknowns do.
 struct Explained {
     chi_square: f64,
+    /// Weighted sum of squares of all residuals: of as many independent ones.
+    total: f64,
     /// Combinations of the added unknowns that the frames tell.
     unknowns: usize,
     values: DVector<f64>,
@@ -204,9 +206,9 @@ struct Explained {
 }
 
 impl Explained {
-    /// For choosing between patterns with few unknowns and with many (Schwarz's criterion); `observations` are independent ones.
-    fn worth(&self, observations: f64) -> f64 {
-        self.chi_square - self.unknowns as f64 * observations.ln()
+    /// For choosing between patterns with few unknowns and with many (Schwarz's criterion).
+    fn worth(&self) -> f64 {
+        self.chi_square - self.unknowns as f64 * self.total.ln()
     }
 }
 
@@ -214,6 +216,10 @@ impl Solved<'_> {
     fn columns(&self, kind: MisfitKind) -> usize {
         let (common, own) = kind.unknowns();
         common + own * self.frames.len()
+    }
+
+    fn columns_of(&self, kinds: &[MisfitKind]) -> usize {
+        kinds.iter().map(|kind| self.columns(*kind)).sum()
     }
 
     /// From the residual of each circle against the mean of its two neighbours in the list, which are its neighbours on the board.
@@ -227,46 +233,21 @@ impl Solved<'_> {
         median(off).map_or(0.0, |m| m / 0.6745 / 1.5f64.sqrt())
     }
 
-    /// Root mean square of circles' residuals that count, px an axis, and the weighted sum of squares of all residuals.
-    fn residual(&self) -> (f64, f64) {
-        let (mut squares, mut count, mut chi) = (0.0, 0.0, 0.0);
-        for frame in self.frames {
-            for seen in &frame.centres {
-                let Some(rows) = centre_rows(self.shared, &frame.pose, seen.board_mm, seen.at) else {
-                    continue;
-                };
-                for row in rows {
-                    let sigmas = row.px / (seen.sigma_px * self.scatter.centres);
-                    let w = weight(sigmas, Loss::Tukey);
-                    if w > 0.0 {
-                        squares += row.px * row.px;
-                        count += 1.0;
-                        chi += w * sigmas * sigmas / self.scatter.centre_correlation;
-                    }
-                }
-            }
-            for seen in &frame.stripes {
-                let Some(row) = stripe_row(self.shared, &frame.pose, seen.laser, seen.at) else { continue };
-                let sigmas = row.px / (seen.sigma_px * self.scatter.stripes);
-                chi += weight(sigmas, Loss::Tukey) * sigmas * sigmas / self.scatter.stripe_correlation;
-            }
-        }
-        ((squares / f64::max(count, 1.0)).sqrt(), chi)
-    }
-
     /// Adds the unknowns of these patterns. `None` if a frame cannot be computed.
     fn explained_by(&self, kinds: &[MisfitKind]) -> Option<Explained> {
-        let added: usize = kinds.iter().map(|kind| self.columns(*kind)).sum();
+        let added = self.columns_of(kinds);
         let size = SHARED + added;
         let mut information = DMatrix::<f64>::zeros(size, size);
         let mut alone = DVector::<f64>::zeros(size);
         let mut right = DVector::<f64>::zeros(size);
+        let mut total = 0.0;
         for (i, frame) in self.frames.iter().enumerate() {
             let mut mixed = DMatrix::<f64>::zeros(size, POSE);
             let mut own = SMatrix::<f64, POSE, POSE>::zeros();
             let mut own_right = SVector::<f64, POSE>::zeros();
             let mut add = |row: &Row, by_added: &DVector<f64>, sigma_px: f64, share: f64| {
                 let w = weight(row.px / sigma_px, Loss::Tukey) / (share * sigma_px * sigma_px);
+                total += w * row.px * row.px;
                 if w > 0.0 {
                     let mut by = DVector::zeros(size);
                     by.rows_mut(0, SHARED).copy_from(&row.by_shared);
@@ -327,16 +308,19 @@ impl Solved<'_> {
         let units = units.rows(SHARED, added).into_owned();
         Some(Explained {
             chi_square,
+            total,
             unknowns,
             values: values.component_mul(&units),
             variances: variances.component_mul(&units.map(|u| u * u)),
         })
     }
 
-    /// The place on the sensor from its middle, 1 at its longer border.
-    fn on_sensor(&self, at: Px) -> Vector2<f64> {
+    /// The shifts that a lens may make at a place of the sensor, [`LENS_POWERS`] each.
+    fn lens_shifts(&self, at: Px) -> impl Iterator<Item = f64> + use<> {
         let [width, height] = self.image_px.map(|n| n as f64);
-        Vector2::new(at.u - 0.5 * (width - 1.0), at.v - 0.5 * (height - 1.0)) / (0.5 * width.max(height))
+        let half = 0.5 * width.max(height);
+        let (x, y) = ((at.u - 0.5 * (width - 1.0)) / half, (at.v - 0.5 * (height - 1.0)) / half);
+        LENS_POWERS.into_iter().map(move |[m, n]| x.powi(m) * y.powi(n))
     }
 
     /// How a circle's two residuals change with the unknowns of these patterns.
@@ -348,7 +332,7 @@ impl Solved<'_> {
         board_mm: Vector2<f64>,
         rows: &[Row; 2],
     ) -> Option<[DVector<f64>; 2]> {
-        let added: usize = kinds.iter().map(|kind| self.columns(*kind)).sum();
+        let added = self.columns_of(kinds);
         let mut by = [DVector::zeros(added), DVector::zeros(added)];
         let (px, by_point, _) = px_by_point(&self.shared.camera, &point_on_board(&seen.pose, board_mm))?;
         // Observed minus projected: what moves the projection moves the residual the other way.
@@ -363,9 +347,7 @@ impl Solved<'_> {
             let by_camera = |i: usize| Vector2::new(rows[0].by_shared[i], rows[1].by_shared[i]);
             match kind {
                 MisfitKind::Lens => {
-                    let at = self.on_sensor(px);
-                    for (i, [m, n]) in LENS_POWERS.into_iter().enumerate() {
-                        let shift = at.x.powi(m) * at.y.powi(n);
+                    for (i, shift) in self.lens_shifts(px).enumerate() {
                         put(2 * i, Vector2::new(-shift, 0.0));
                         put(2 * i + 1, Vector2::new(0.0, -shift));
                     }
@@ -406,19 +388,16 @@ impl Solved<'_> {
         at: Px,
         row: &Row,
     ) -> Option<DVector<f64>> {
-        let added: usize = kinds.iter().map(|kind| self.columns(*kind)).sum();
+        let added = self.columns_of(kinds);
         let mut by = DVector::zeros(added);
         let mut first = 0;
         for kind in kinds {
             match kind {
                 MisfitKind::Lens => {
-                    // A stripe that is seen shifted: its residual is across it, along the gradient by cx and cy.
-                    let place = self.on_sensor(at);
-                    let across = -Vector2::new(row.by_shared[2], row.by_shared[3]);
-                    for (i, [m, n]) in LENS_POWERS.into_iter().enumerate() {
-                        let shift = place.x.powi(m) * place.y.powi(n);
-                        by[first + 2 * i] = -across.x * shift;
-                        by[first + 2 * i + 1] = -across.y * shift;
+                    // A picture that is shifted here is as if cx and cy were.
+                    for (i, shift) in self.lens_shifts(at).enumerate() {
+                        by[first + 2 * i] = row.by_shared[2] * shift;
+                        by[first + 2 * i + 1] = row.by_shared[3] * shift;
                     }
                 }
                 MisfitKind::BoardBowed => {

@@ -171,16 +171,7 @@ mod tests {
 
     #[test]
     fn there_and_back_is_the_same_camera_to_what_the_refit_leaves() {
-        let camera = CameraModel {
-            fx: 2458.9,
-            fy: 2453.8,
-            skew: 0.0,
-            cx: 1239.5,
-            cy: 1032.6,
-            k1: -0.034,
-            k2: 0.32,
-            ..CameraModel::PINHOLE
-        };
+        let camera = *crate::paper_head::paper_head(1.0).camera();
         let (opencv, residual) = to_opencv(&camera, 2592, 1944).expect("a smooth lens");
         assert!(residual.max_px < 0.5, "{residual:?}");
         let (back, residual) = from_opencv(&opencv, 2592, 1944).expect("a smooth lens");

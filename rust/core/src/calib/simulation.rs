@@ -95,7 +95,6 @@ fn frames(head: &Shared) -> Vec<FrameSeen> {
 fn hundreds_of_solves_scatter_as_the_covariance_says() {
     let head = head();
     let clean = frames(&head);
-    let even = Scatter { centres: 1.0, stripes: 1.0, stripe_correlation: 1.0, centre_correlation: 1.0 };
     let fixed = Fixed { skew: true, distortion: false, lens: LensTerms::BROWN, planes: false, all: false };
     let mut noise = Noise(1);
     let mut squares = SVector::<f64, PARAMETERS>::zeros();
@@ -128,8 +127,9 @@ fn hundreds_of_solves_scatter_as_the_covariance_says() {
             _ => 1e-5 * noise.normal(),
         }));
         // As in `solve`: far residuals pull until the way is found.
-        adjust(&mut found, &mut seen, &even, fixed, Loss::Huber).expect("a good set");
-        let information = adjust(&mut found, &mut seen, &even, fixed, Loss::Tukey).expect("a good set");
+        adjust(&mut found, &mut seen, &Scatter::EVEN, fixed, Loss::Huber).expect("a good set");
+        let information =
+            adjust(&mut found, &mut seen, &Scatter::EVEN, fixed, Loss::Tukey).expect("a good set");
         let (_, inverse) = solve_scaled(&information, &SVector::<f64, SHARED>::zeros()).expect("a good set");
         let covariance = covariance(&inverse);
         let error = difference(&found, &head);
@@ -175,8 +175,7 @@ fn frames_left_out_tell_which_terms_the_lens_has() {
         seen.iter_mut().for_each(|frame| frame.stripes.clear());
         let paper = CameraModel { p1: 0.0, p2: 0.0, k3: 0.0, ..camera };
         let mut shared = Shared { camera: paper, ..head };
-        let even = Scatter { centres: 1.0, stripes: 1.0, stripe_correlation: 1.0, centre_correlation: 1.0 };
-        adjust(&mut shared, &mut seen, &even, fixed, Loss::Huber).expect("a good set");
+        adjust(&mut shared, &mut seen, &Scatter::EVEN, fixed, Loss::Huber).expect("a good set");
         let (terms, trials) = lens::choose(&shared, &seen, fixed);
         assert_eq!((trials[0].terms, trials[0].gain), (LensTerms::PAPER, None));
         println!("{trials:?}");
@@ -233,8 +232,7 @@ fn wrong_set(noise: &mut Noise, kind: Option<MisfitKind>) -> Vec<MisfitKind> {
     }
     let fixed = Fixed { skew: true, distortion: false, lens: LensTerms::PAPER, planes: false, all: false };
     let mut shared = head;
-    let even = Scatter { centres: 1.0, stripes: 1.0, stripe_correlation: 1.0, centre_correlation: 1.0 };
-    adjust(&mut shared, &mut seen, &even, fixed, Loss::Huber).expect("a good set");
+    adjust(&mut shared, &mut seen, &Scatter::EVEN, fixed, Loss::Huber).expect("a good set");
     let spread = scatter(&shared, &seen);
     adjust(&mut shared, &mut seen, &spread, fixed, Loss::Tukey).expect("a good set");
     let spread = scatter(&shared, &seen);

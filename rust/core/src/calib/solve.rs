@@ -2,7 +2,7 @@
 
 use super::adjust::{
     CentreSeen, Fixed, FrameSeen, Loss, Scatter, StripeSeen, adjust, covariance, own_sigmas, residuals,
-    scatter, solve_scaled, weight,
+    rms_of_centres, scatter, solve_scaled, weight,
 };
 use super::board::{Board, BoardView, Circle, OnBoard};
 use super::judge;
@@ -186,10 +186,9 @@ impl CameraSolution {
     }
 
     fn adjust_camera(&mut self) -> Option<()> {
-        let even = Scatter { centres: 1.0, stripes: 1.0, stripe_correlation: 1.0, centre_correlation: 1.0 };
         for distortion in [true, false] {
             let mut used = self.used_frames();
-            let spread = Scatter { centres: scatter(&self.shared, &used).centres, ..even };
+            let spread = Scatter { centres: scatter(&self.shared, &used).centres, ..Scatter::EVEN };
             let fixed = self.fixed(distortion, true);
             adjust(&mut self.shared, &mut used, &spread, fixed, Loss::Huber)?;
             self.put_back(used);
@@ -198,7 +197,7 @@ impl CameraSolution {
             self.centres_from_rims();
             self.leave_outliers_out();
             let mut used = self.used_frames();
-            let spread = Scatter { centres: scatter(&self.shared, &used).centres, ..even };
+            let spread = Scatter { centres: scatter(&self.shared, &used).centres, ..Scatter::EVEN };
             let fixed = self.fixed(false, true);
             adjust(&mut self.shared, &mut used, &spread, fixed, Loss::Tukey)?;
             self.put_back(used);
@@ -259,22 +258,6 @@ impl CameraSolution {
     fn rms_px(&self) -> Vector2<f64> {
         rms_of_centres(&self.shared, &self.used_frames())
     }
-}
-
-/// Root mean square of all centres' residuals an axis, those that are 4.7 sigmas off left out.
-fn rms_of_centres(shared: &Shared, frames: &[FrameSeen]) -> Vector2<f64> {
-    let spread = scatter(shared, frames).centres;
-    let (mut sum, mut n) = (Vector2::zeros(), 0.0);
-    for frame in frames {
-        let (centres, _) = residuals(shared, frame);
-        for (r, seen) in centres.iter().zip(&frame.centres) {
-            if r.iter().all(|x| weight(x / (seen.sigma_px * spread), Loss::Tukey) > 0.0) {
-                sum += r.component_mul(r);
-                n += 1.0;
-            }
-        }
-    }
-    (sum / f64::max(n, 1.0)).map(f64::sqrt)
 }
 
 /// One circle's residual.

@@ -34,7 +34,7 @@ pub fn expose_film(stage: &Stage<'_>) -> Film {
     expose_film_around(stage, [[0, stage.raster.width], [0, stage.raster.height]])
 }
 
-/// Renders a stage finely in a window and, outside of it, as coarsely as a small frame: a third faster where a face fills a third.
+/// Renders a stage finely in a window and, outside of it, as coarsely as a small frame, which saves most of the time there.
 #[must_use]
 pub fn expose_film_around(stage: &Stage<'_>, window: Window) -> Film {
     let (width, height) = (stage.raster.width, stage.raster.height);
