@@ -57,7 +57,7 @@ impl Scatter {
 }
 
 /// Information of an unknown that stays as it is, and what its variance is below.
-const FIXED: f64 = 1e30;
+pub(super) const FIXED: f64 = 1e30;
 const FIXED_VARIANCE: f64 = 1e-28;
 
 /// The normal equations of the shared unknowns at the solution.

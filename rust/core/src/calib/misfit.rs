@@ -1,14 +1,21 @@
 //! Does the model fit the frames, or is only the residual small? What a lens, a board or a mount does that the model has not is no
-//! noise: neighbours share it. Each pattern here is a few unknowns added to the solved adjustment; one linear step from the solution says
-//! how large they come out and how much of the residuals they explain (a score test, Rao 1948). The pattern that explains most is named, then
-//! those that explain more beside it.
+//! noise: neighbours share it. Each pattern here is a few unknowns added to the adjustment, which is solved with them (Gauss-Newton).
+//! Noise and its correlation are estimated from what is then left, so that the pattern does not hide in them, and the unknowns are
+//! tested against their covariance (Wald 1943). Of the patterns that are significant Schwarz's criterion names one, then those that
+//! explain more beside it.
 
-use super::adjust::{Fixed, FrameSeen, Loss, Scatter, residuals, rms_of_centres, weight};
+use super::adjust::{
+    FIXED, Fixed, FrameSeen, Information, Loss, Scatter, adjust, covariance, own_sigmas, residuals,
+    rms_of_centres, scatter, solve_scaled, weight,
+};
+use super::lens::LensTerms;
 use super::model::{POSE, Row, SHARED, Shared, centre_rows, point_on_board, px_by_point, stripe_row};
 use super::rim::median;
+use super::uncertainty::CalibrationStep;
+use crate::calibration::{CalibrationCovariance, PLANES};
 use crate::eigen::symmetric_eigen;
 use crate::units::Px;
-use nalgebra::{DMatrix, DVector, SMatrix, SVector, Vector2, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix2, SMatrix, SVector, Vector2, Vector3};
 
 /// What may be wrong with a set of frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -17,14 +24,14 @@ pub enum MisfitKind {
     Lens,
     /// The board is no plane. Size: how far its middle stands before its corners or behind, mm.
     BoardBowed,
-    /// The board's pitch along its columns is not that along its rows, or they are not at right angles. Size: the difference as a share.
+    /// The board's pitch along its columns is not that along its rows, or they are not at right angles. Size: the difference between the
+    /// largest and the smallest pitch as a share. A part of a grid does not tell columns from rows: which way it is, each frame says.
     BoardStretched,
     /// The focal length changes from frame to frame. Size: by which share, rms.
     FocusChanges,
     /// The picture is shifted on the sensor from frame to frame: the lens or the sensor is loose. Size: px rms.
     Shifted,
-    /// The boards of the frames are not one board, or frames show rows and columns of one exchanged that is stretched: a part of a grid does
-    /// not tell which are which. Size: difference of their pitches as a share, rms.
+    /// The boards of the frames are not one board. Size: difference of their pitches along columns and rows as a share, rms.
     BoardsDiffer,
 }
 
@@ -90,11 +97,7 @@ impl std::fmt::Display for Misfit {
             }
             MisfitKind::BoardBowed => write!(f, "the board is bowed by {size:.2} mm")?,
             MisfitKind::BoardStretched => {
-                write!(
-                    f,
-                    "the board is {:.3} % larger along its columns than along its rows, or skewed",
-                    100.0 * size
-                )?;
+                write!(f, "the board is {:.3} % larger in one direction than in the other", 100.0 * size)?;
             }
             MisfitKind::FocusChanges => {
                 write!(f, "the focal length changes between frames by {:.3} % rms", 100.0 * size)?;
@@ -103,11 +106,7 @@ impl std::fmt::Display for Misfit {
                 write!(f, "frames are shifted on the sensor against each other by {size:.2} px rms")?
             }
             MisfitKind::BoardsDiffer => {
-                write!(
-                    f,
-                    "the frames show boards whose pitches differ by {:.3} % rms, or one whose rows and columns differ",
-                    100.0 * size
-                )?;
+                write!(f, "the frames show boards whose pitches differ by {:.3} % rms", 100.0 * size)?;
             }
         }
         write!(
@@ -146,46 +145,63 @@ const LEAST_EXPLAINED: f64 = 0.05;
 /// Combinations of which less than this share of the information is left once poses and camera are free are none: they are a pose's or
 /// the camera's (a board and planes that grow together are the same picture), and what is left is rounding.
 const LEAST_KNOWN: f64 = 1e-6;
+/// Steps of Gauss and Newton. Patterns are linear to some 0.1 % of themselves; the second step is for the noise, which is known after
+/// the first, the third for what the weights then change.
+const STEPS: usize = 3;
 
 /// The solved adjustment whose residuals are asked.
-pub(super) struct Solved<'a> {
-    pub shared: &'a Shared,
-    pub frames: &'a [FrameSeen],
-    pub scatter: &'a Scatter,
+#[derive(Clone)]
+pub(super) struct Solved {
+    pub shared: Shared,
+    pub frames: Vec<FrameSeen>,
+    pub scatter: Scatter,
     pub fixed: Fixed,
     pub image_px: [usize; 2],
 }
 
-/// The patterns in the residuals, the one that explains most first.
-pub(super) fn misfits(solved: &Solved) -> Vec<Misfit> {
-    let mut found: Vec<Misfit> = Vec::new();
-    let mut kinds: Vec<MisfitKind> = Vec::new();
-    // Chi-square and unknowns of the patterns so far.
-    let mut before = (0.0, 0);
-    let rms_px = rms_of_centres(solved.shared, solved.frames).norm() / std::f64::consts::SQRT_2;
+/// What does not fit, and the solution with it.
+pub(super) struct Found {
+    /// The one that explains most first.
+    pub misfits: Vec<Misfit>,
+    /// Camera and planes solved with these patterns; without, if one is the lens, of which a camera has no such terms.
+    pub shared: Shared,
+    /// Of these; `None` if all fits.
+    pub covariance: Option<CalibrationCovariance>,
+}
+
+/// The patterns in the residuals.
+pub(super) fn misfits(solved: &Solved) -> Found {
     let single_px = solved.single_px();
-    let mut left: f64 = 1.0;
-    loop {
-        let more = MisfitKind::ALL.into_iter().filter(|kind| !kinds.contains(kind)).filter_map(|kind| {
-            let wider: Vec<MisfitKind> = kinds.iter().copied().chain([kind]).collect();
-            let explained = solved.explained_by(&wider)?;
-            let chi_square = explained.chi_square - before.0;
-            let limit = one_in_a_thousand(explained.unknowns.saturating_sub(before.1).max(1) as f64);
-            let then = (1.0 - explained.chi_square / explained.total).clamp(0.0, 1.0);
-            let told = chi_square >= limit && left - then >= LEAST_EXPLAINED;
-            told.then_some((kind, explained, chi_square, limit, then))
+    let mut misfits = Vec::new();
+    let mut known = Wider::none(solved);
+    let all = known.square_px;
+    while let Some(wider) = known.best_wider(solved, all) {
+        let size = wider.size().unwrap_or((known.square_px - wider.square_px).max(0.0).sqrt());
+        misfits.push(Misfit {
+            kind: wider.patterns.last(),
+            size,
+            rms_px: all.sqrt(),
+            single_px,
+            chi_square: wider.chi_square,
+            limit: wider.limit(),
         });
-        let best = more.max_by(|a, b| a.1.worth().total_cmp(&b.1.worth()));
-        let Some((kind, explained, chi_square, limit, then)) = best else { return found };
-        let own = solved.columns(kind);
-        let first = explained.values.len() - own;
-        let of_kind = |all: &DVector<f64>| all.rows(first, own).into_owned();
-        let size = solved.size(kind, &of_kind(&explained.values), &of_kind(&explained.variances));
-        let size = size.unwrap_or(rms_px * (left - then).sqrt());
-        found.push(Misfit { kind, size, rms_px, single_px, chi_square, limit });
-        kinds.push(kind);
-        (before, left) = ((explained.chi_square, explained.unknowns), then);
+        known = wider;
     }
+    let told = if misfits.is_empty() { None } else { known.covariance() };
+    if known.patterns.kinds.contains(&MisfitKind::Lens) {
+        // What the lens pulls is one more standard deviation of what is solved without it: any shape, and Brown's terms, which go
+        // together with the camera's middle as a shape does not.
+        let brown = solved.with_all_lens_terms();
+        let pulls = [Some(known.left.shared), brown].into_iter().flatten().map(|other| {
+            let pull = other.minus(&solved.shared);
+            let free = |i: usize| if solved.fixed.contains(i) { 0.0 } else { pull[i] };
+            CalibrationStep::from_fn(|i, _| free(i))
+        });
+        let covariance = told.map(|told| pulls.fold(told, |sum, pull| sum + pull * pull.transpose()));
+        return Found { misfits, shared: solved.shared.clone(), covariance };
+    }
+    let shared = if told.is_some() { known.left.shared } else { solved.shared.clone() };
+    Found { misfits, shared, covariance: told }
 }
 
 /// Wilson and Hilferty's quantile of chi-square.
@@ -194,38 +210,278 @@ fn one_in_a_thousand(degrees: f64) -> f64 {
     degrees * (1.0 - part + ONE_IN_A_THOUSAND * part.sqrt()).powi(3)
 }
 
-/// What added unknowns do.
-struct Explained {
-    chi_square: f64,
-    /// Weighted sum of squares of all residuals: of as many independent ones.
-    total: f64,
-    /// Combinations of the added unknowns that the frames tell.
-    unknowns: usize,
-    values: DVector<f64>,
-    variances: DVector<f64>,
+/// Patterns side by side, their unknowns in this order.
+#[derive(Clone)]
+struct Patterns {
+    kinds: Vec<MisfitKind>,
+    frames: usize,
+    /// 1, or -1 for frames that show columns and rows of a stretched board exchanged; `None`: each frame's board is stretched by itself.
+    signs: Option<Vec<f64>>,
 }
 
-impl Explained {
-    /// For choosing between patterns with few unknowns and with many (Schwarz's criterion).
-    fn worth(&self) -> f64 {
-        self.chi_square - self.unknowns as f64 * self.total.ln()
-    }
-}
-
-impl Solved<'_> {
+impl Patterns {
     fn columns(&self, kind: MisfitKind) -> usize {
-        let (common, own) = kind.unknowns();
-        common + own * self.frames.len()
+        let (common, own) = self.unknowns(kind);
+        common + own * self.frames
     }
 
-    fn columns_of(&self, kinds: &[MisfitKind]) -> usize {
-        kinds.iter().map(|kind| self.columns(*kind)).sum()
+    fn unknowns(&self, kind: MisfitKind) -> (usize, usize) {
+        let each_by_itself = kind == MisfitKind::BoardStretched && self.signs.is_none();
+        if each_by_itself { (0, 2) } else { kind.unknowns() }
+    }
+
+    fn all_columns(&self) -> usize {
+        self.kinds.iter().map(|kind| self.columns(*kind)).sum()
+    }
+
+    fn last(&self) -> MisfitKind {
+        *self.kinds.last().expect("only a set with patterns is asked")
+    }
+
+    fn with(&self, kind: MisfitKind) -> Self {
+        let mut wider = self.clone();
+        wider.kinds.push(kind);
+        wider
+    }
+}
+
+/// A set solved with patterns among its unknowns.
+struct Wider {
+    patterns: Patterns,
+    values: DVector<f64>,
+    /// Solved with observations from which the patterns are taken.
+    left: Solved,
+    /// Mean square of the circles' residuals an axis, px^2.
+    square_px: f64,
+    /// Of the last pattern's unknowns, the others free.
+    chi_square: f64,
+    variances: DVector<f64>,
+    /// Combinations of the last pattern's unknowns that the frames tell.
+    unknowns: usize,
+}
+
+fn square_px(solved: &Solved) -> f64 {
+    0.5 * rms_of_centres(&solved.shared, &solved.frames).norm_squared()
+}
+
+impl Wider {
+    fn none(solved: &Solved) -> Self {
+        Self {
+            patterns: Patterns { kinds: Vec::new(), frames: solved.frames.len(), signs: None },
+            values: DVector::zeros(0),
+            left: solved.clone(),
+            square_px: square_px(solved),
+            chi_square: 0.0,
+            variances: DVector::zeros(0),
+            unknowns: 0,
+        }
+    }
+
+    /// With the pattern that is worth most of those that are significant and explain enough of the mean square `all`.
+    fn best_wider(&self, solved: &Solved, all: f64) -> Option<Self> {
+        let more = MisfitKind::ALL.into_iter().filter(|kind| !self.patterns.kinds.contains(kind));
+        let tried: Vec<Self> = more.filter_map(|kind| self.wider(solved, kind)).collect();
+        // How many residuals count as independent, by the pattern that leaves least.
+        let least = tried.iter().min_by(|a, b| a.square_px.total_cmp(&b.square_px))?;
+        let circles: usize = solved.frames.iter().map(|frame| frame.centres.len()).sum();
+        let independent = 2.0 * circles as f64 / least.left.scatter.centre_correlation;
+        let told = |wider: &Self| {
+            // Frames whose own unknowns differ by less than noise does do not differ.
+            let seen = wider.size().is_none_or(|size| size > 0.0);
+            seen && wider.chi_square >= wider.limit()
+                && self.square_px - wider.square_px >= LEAST_EXPLAINED * all
+        };
+        // Schwarz's criterion; choosing the frames' signs costs what 2 ln of their number does.
+        let worth = |wider: &Self| {
+            let unknowns = wider.unknowns as f64 * independent.ln() + wider.price_of_signs();
+            -independent * wider.square_px.ln() - unknowns
+        };
+        tried.into_iter().filter(told).max_by(|a, b| worth(a).total_cmp(&worth(b)))
+    }
+
+    /// What one sound set in a thousand exceeds, at most: each choice of signs is a trial (Bonferroni).
+    fn limit(&self) -> f64 {
+        one_in_a_thousand(self.unknowns.max(1) as f64) + self.price_of_signs()
+    }
+
+    /// Twice the logarithm of how many ways there are to choose the frames' signs. All the other way round is the same.
+    fn price_of_signs(&self) -> f64 {
+        let stretched = self.patterns.last() == MisfitKind::BoardStretched;
+        let free = if stretched { self.patterns.frames - 1 } else { 0 };
+        2.0 * std::f64::consts::LN_2 * free as f64
+    }
+
+    /// Solves with one more pattern. `None` if the observations do not allow it.
+    fn wider(&self, solved: &Solved, kind: MisfitKind) -> Option<Self> {
+        let mut patterns = self.patterns.with(kind);
+        if kind == MisfitKind::BoardStretched {
+            patterns.signs = Some(self.left.signs(&self.patterns)?);
+        }
+        let mut values = self.values.clone().resize_vertically(patterns.all_columns(), 0.0);
+        let mut left = self.left.clone();
+        for _ in 0..STEPS {
+            values += left.told(&patterns, 0)?.step();
+            left = solved.without(&left, &patterns, &values)?;
+        }
+        let asked = patterns.kinds.len() - 1;
+        let told = left.told(&patterns, asked)?;
+        let own = values.rows(self.values.len(), patterns.columns(kind)).into_owned();
+        let (chi_square, unknowns, variances) = told.chi_square(&own);
+        Some(Self { patterns, values, square_px: square_px(&left), left, chi_square, variances, unknowns })
+    }
+
+    /// Of camera and planes, the patterns free. Their unknowns are taken to be normal, about zero, as large as they came out: a mean focal
+    /// length is known only as well as the frames' own are alike.
+    fn covariance(&self) -> Option<CalibrationCovariance> {
+        let Told { mut information, .. } = self.left.normal_equations(&self.patterns)?;
+        let mut first = 0;
+        for kind in &self.patterns.kinds {
+            let (common, own) = self.patterns.unknowns(*kind);
+            let (columns, each) = (self.patterns.columns(*kind), common + own);
+            // Unknowns of one meaning: a lens's coefficients, one of each frame.
+            let step = if common > 0 && *kind != MisfitKind::Lens || own > 0 { each } else { 1 };
+            for i in 0..columns {
+                let alike = || (i % step..columns).step_by(step).map(|j| self.values[first + j].powi(2));
+                let square = alike().sum::<f64>() / alike().count() as f64;
+                information[(SHARED + first + i, SHARED + first + i)] += 1.0 / square.max(f64::MIN_POSITIVE);
+            }
+            first += columns;
+        }
+        let all = information.nrows();
+        let block = |i: usize, j: usize, n: usize, m: usize| information.view((i, j), (n, m)).into_owned();
+        let rest = all - SHARED;
+        let units =
+            DMatrix::from_diagonal(&block(SHARED, SHARED, rest, rest).diagonal().map(|v| 1.0 / v.sqrt()));
+        let patterns = (&units * block(SHARED, SHARED, rest, rest) * &units).cholesky()?;
+        let across = &units * block(SHARED, 0, rest, SHARED);
+        let left = block(0, 0, SHARED, SHARED) - across.transpose() * patterns.solve(&across);
+        let mut left = Information::from_fn(|i, j| left[(i, j)]);
+        (0..SHARED).filter(|i| self.left.fixed.contains(*i)).for_each(|i| left[(i, i)] = FIXED);
+        let (_, inverse) = solve_scaled(&left, &SVector::zeros())?;
+        let scale = self.scale_sigma();
+        let mut pull = CalibrationStep::zeros();
+        for (k, plane) in self.left.shared.planes.iter().enumerate() {
+            pull.fixed_rows_mut::<3>(PLANES + 3 * k).copy_from(&(plane * scale));
+        }
+        Some(covariance(&inverse) + pull * pull.transpose())
+    }
+
+    /// Of a stretched board, which of its pitches is the file's is unknown: half of their difference, as a share of all lengths.
+    fn scale_sigma(&self) -> f64 {
+        let stretched = self.patterns.kinds.iter().position(|kind| *kind == MisfitKind::BoardStretched);
+        stretched.map_or(0.0, |at| {
+            let first: usize =
+                self.patterns.kinds[..at].iter().map(|kind| self.patterns.columns(*kind)).sum();
+            self.values[first].hypot(self.values[first + 1])
+        })
+    }
+
+    /// The size of the last pattern from its unknowns; of a lens it is told by the residuals.
+    fn size(&self) -> Option<f64> {
+        let kind = self.patterns.last();
+        let values =
+            self.values.rows(self.values.len() - self.patterns.columns(kind), self.patterns.columns(kind));
+        // Variance of what each frame has for itself, beyond what noise gives it.
+        let spread = |first: usize, step: usize| {
+            let own = || (first..values.len()).step_by(step);
+            let n = own().count() as f64;
+            let mean = own().map(|i| values[i]).sum::<f64>() / n;
+            let squares = own().map(|i| (values[i] - mean).powi(2)).sum::<f64>() / (n - 1.0);
+            (squares - own().map(|i| self.variances[i]).sum::<f64>() / n).max(0.0)
+        };
+        match kind {
+            MisfitKind::Lens => None,
+            MisfitKind::BoardBowed => {
+                let all = self.left.frames.iter().flat_map(|f| f.centres.iter().map(|c| c.board_mm));
+                let height = |at| bow(at).into_iter().zip(values.iter()).map(|(h, v)| h * v).sum::<f64>();
+                let (low, high) = all.map(height).fold((0.0f64, 0.0f64), |(l, h), x| (l.min(x), h.max(x)));
+                Some(high - low)
+            }
+            MisfitKind::BoardStretched => Some(2.0 * values[0].hypot(values[1])),
+            MisfitKind::FocusChanges => Some(spread(0, 1).sqrt()),
+            MisfitKind::Shifted | MisfitKind::BoardsDiffer => Some((spread(0, 2) + spread(1, 2)).sqrt()),
+        }
+    }
+}
+
+/// What the frames tell about unknowns once all others are free: normal equations.
+struct Told {
+    information: DMatrix<f64>,
+    right: DVector<f64>,
+    /// One over the root of the information if all others were known.
+    units: DVector<f64>,
+}
+
+impl Told {
+    /// Values and directions, in `units`, of the combinations that are known.
+    fn known(&self) -> impl Iterator<Item = (f64, DVector<f64>)> {
+        let scale = DMatrix::from_diagonal(&self.units);
+        let eigen = symmetric_eigen(&(&scale * &self.information * &scale));
+        let vectors: Vec<DVector<f64>> = eigen.vectors.column_iter().map(|v| v.into_owned()).collect();
+        let values: Vec<f64> = eigen.values.iter().copied().collect();
+        values.into_iter().zip(vectors).filter(|(value, _)| *value > LEAST_KNOWN)
+    }
+
+    fn step(&self) -> DVector<f64> {
+        let right = self.right.component_mul(&self.units);
+        let mut step = DVector::zeros(right.len());
+        self.known().for_each(|(value, along)| step += &along * (along.dot(&right) / value));
+        step.component_mul(&self.units)
+    }
+
+    /// What speaks against these unknowns being zero, how many combinations of them are known, and their variances.
+    fn chi_square(&self, values: &DVector<f64>) -> (f64, usize, DVector<f64>) {
+        let values = values.component_div(&self.units);
+        let mut variances = DVector::zeros(values.len());
+        let (mut chi_square, mut unknowns) = (0.0, 0);
+        for (value, along) in self.known() {
+            chi_square += value * along.dot(&values).powi(2);
+            unknowns += 1;
+            variances += along.map(|x| x * x / value);
+        }
+        (chi_square, unknowns, variances.component_mul(&self.units).component_mul(&self.units))
+    }
+
+    /// With the first unknowns free: what is told about the others.
+    fn without_first(&self, n: usize) -> Self {
+        let rest = self.right.len() - n;
+        let view =
+            |i: usize, j: usize, n: usize, m: usize| self.information.view((i, j), (n, m)).into_owned();
+        let first = Self {
+            information: view(0, 0, n, n),
+            right: self.right.rows(0, n).into_owned(),
+            units: self.units.rows(0, n).into_owned(),
+        };
+        let across = view(n, 0, rest, n);
+        let mut information = view(n, n, rest, rest);
+        for (value, along) in first.known() {
+            let by = &across * along.component_mul(&first.units);
+            information.ger(-1.0 / value, &by, &by, 1.0);
+        }
+        Self {
+            information,
+            right: self.right.rows(n, rest) - &across * first.step(),
+            units: self.units.rows(n, rest).into_owned(),
+        }
+    }
+}
+
+/// Unknowns that a residual depends on, and by how much.
+type By = Vec<(usize, f64)>;
+
+impl Solved {
+    /// Camera and planes with all terms of the lens.
+    fn with_all_lens_terms(&self) -> Option<Shared> {
+        let Self { mut shared, mut frames, .. } = self.clone();
+        let fixed = Fixed { lens: LensTerms::BROWN, ..self.fixed };
+        adjust(&mut shared, &mut frames, &self.scatter, fixed, Loss::Tukey)?;
+        Some(shared)
     }
 
     /// From the residual of each circle against the mean of its two neighbours in the list, which are its neighbours on the board.
     fn single_px(&self) -> f64 {
         let off = self.frames.iter().flat_map(|frame| {
-            let (centres, _) = residuals(self.shared, frame);
+            let (centres, _) = residuals(&self.shared, frame);
             let against = |w: &[Vector2<f64>]| w[1] - 0.5 * (w[0] + w[2]);
             centres.windows(3).map(against).flat_map(|d| [d.x.abs(), d.y.abs()]).collect::<Vec<_>>()
         });
@@ -233,86 +489,126 @@ impl Solved<'_> {
         median(off).map_or(0.0, |m| m / 0.6745 / 1.5f64.sqrt())
     }
 
-    /// Adds the unknowns of these patterns. `None` if a frame cannot be computed.
-    fn explained_by(&self, kinds: &[MisfitKind]) -> Option<Explained> {
-        let added = self.columns_of(kinds);
-        let size = SHARED + added;
+    /// Solved again, from `near`, with observations from which patterns of these values are taken.
+    fn without(&self, near: &Self, patterns: &Patterns, values: &DVector<f64>) -> Option<Self> {
+        let of = |by: &By| by.iter().map(|(i, by)| by * values[*i]).sum::<f64>();
+        let mut left = near.clone();
+        for (i, (frame, seen)) in left.frames.iter_mut().zip(&self.frames).enumerate() {
+            for (c, seen) in frame.centres.iter_mut().zip(&seen.centres) {
+                let rows = centre_rows(&near.shared, &near.frames[i].pose, c.board_mm, c.at)?;
+                let [u, v] = near.centre_by(patterns, i, c.board_mm, &rows)?;
+                c.at = Px::new(seen.at.u + of(&u), seen.at.v + of(&v));
+            }
+            for (s, seen) in frame.stripes.iter_mut().zip(&seen.stripes) {
+                let row = stripe_row(&near.shared, &near.frames[i].pose, s.laser, seen.at)?;
+                let off_px = of(&near.stripe_by(patterns, i, seen.at, &row)?);
+                // Across the stripe, the way that the residual grows by one px a px.
+                let line = super::model::board_plane(&near.frames[i].pose) - near.shared.planes[s.laser];
+                let (_, by_px) = near.shared.camera.ray_from_px_with_jacobian(seen.at);
+                let across = (by_px.transpose() * line.xy()).normalize();
+                s.at = Px::new(seen.at.u + across.x * off_px, seen.at.v + across.y * off_px);
+            }
+        }
+        own_sigmas(&left.shared, &mut left.frames);
+        left.scatter = scatter(&left.shared, &left.frames);
+        adjust(&mut left.shared, &mut left.frames, &left.scatter, self.fixed, Loss::Tukey)?;
+        own_sigmas(&left.shared, &mut left.frames);
+        left.scatter = scatter(&left.shared, &left.frames);
+        Some(left)
+    }
+
+    /// What is told about the unknowns of these patterns from `asked` on, poses, camera and the patterns before them free.
+    fn told(&self, patterns: &Patterns, asked: usize) -> Option<Told> {
+        let before: usize = patterns.kinds[..asked].iter().map(|kind| patterns.columns(*kind)).sum();
+        Some(self.normal_equations(patterns)?.without_first(SHARED + before))
+    }
+
+    /// What is told about camera, planes and the unknowns of these patterns, poses free.
+    fn normal_equations(&self, patterns: &Patterns) -> Option<Told> {
+        let size = SHARED + patterns.all_columns();
         let mut information = DMatrix::<f64>::zeros(size, size);
         let mut alone = DVector::<f64>::zeros(size);
         let mut right = DVector::<f64>::zeros(size);
-        let mut total = 0.0;
         for (i, frame) in self.frames.iter().enumerate() {
             let mut mixed = DMatrix::<f64>::zeros(size, POSE);
             let mut own = SMatrix::<f64, POSE, POSE>::zeros();
             let mut own_right = SVector::<f64, POSE>::zeros();
-            let mut add = |row: &Row, by_added: &DVector<f64>, sigma_px: f64, share: f64| {
+            let mut add = |row: &Row, by_pattern: &By, sigma_px: f64, share: f64| {
                 let w = weight(row.px / sigma_px, Loss::Tukey) / (share * sigma_px * sigma_px);
-                total += w * row.px * row.px;
-                if w > 0.0 {
-                    let mut by = DVector::zeros(size);
-                    by.rows_mut(0, SHARED).copy_from(&row.by_shared);
-                    by.rows_mut(SHARED, added).copy_from(by_added);
-                    information.ger(w, &by, &by, 1.0);
-                    alone += by.map(|x| w * x * x);
-                    mixed.ger(w, &by, &row.by_pose, 1.0);
-                    own.ger(w, &row.by_pose, &row.by_pose, 1.0);
-                    right.axpy(-w * row.px, &by, 1.0);
-                    own_right -= row.by_pose * (w * row.px);
+                let by_shared = row.by_shared.iter().copied().enumerate();
+                let free = by_shared.filter(|(i, by)| *by != 0.0 && !self.fixed.contains(*i));
+                let by: By = free.chain(by_pattern.iter().map(|(i, by)| (SHARED + i, *by))).collect();
+                for (i, by_i) in &by {
+                    for (j, by_j) in &by {
+                        information[(*i, *j)] += w * by_i * by_j;
+                    }
+                    alone[*i] += w * by_i * by_i;
+                    right[*i] -= w * by_i * row.px;
+                    for k in 0..POSE {
+                        mixed[(*i, k)] += w * by_i * row.by_pose[k];
+                    }
                 }
+                own.ger(w, &row.by_pose, &row.by_pose, 1.0);
+                own_right -= row.by_pose * (w * row.px);
             };
             for seen in &frame.centres {
-                let rows = centre_rows(self.shared, &frame.pose, seen.board_mm, seen.at)?;
-                let by_added = self.centre_by(kinds, i, frame, seen.board_mm, &rows)?;
-                for (row, by_added) in rows.iter().zip(&by_added) {
-                    add(row, by_added, seen.sigma_px * self.scatter.centres, self.scatter.centre_correlation);
+                let rows = centre_rows(&self.shared, &frame.pose, seen.board_mm, seen.at)?;
+                let by_pattern = self.centre_by(patterns, i, seen.board_mm, &rows)?;
+                for (row, by_pattern) in rows.iter().zip(&by_pattern) {
+                    let sigma_px = seen.sigma_px * self.scatter.centres;
+                    add(row, by_pattern, sigma_px, self.scatter.centre_correlation);
                 }
             }
             for seen in &frame.stripes {
-                let row = stripe_row(self.shared, &frame.pose, seen.laser, seen.at)?;
-                let by_added = self.stripe_by(kinds, i, frame, seen.at, &row)?;
-                add(&row, &by_added, seen.sigma_px * self.scatter.stripes, self.scatter.stripe_correlation);
+                let row = stripe_row(&self.shared, &frame.pose, seen.laser, seen.at)?;
+                let by_pattern = self.stripe_by(patterns, i, seen.at, &row)?;
+                add(&row, &by_pattern, seen.sigma_px * self.scatter.stripes, self.scatter.stripe_correlation);
             }
             let inverse = own.cholesky()?.inverse();
             let product = &mixed * inverse;
             information -= &product * mixed.transpose();
             right -= product * own_right;
         }
-        // What is fixed takes no part.
-        for i in (0..SHARED).filter(|i| self.fixed.contains(*i)) {
-            information.row_mut(i).fill(0.0);
-            information.column_mut(i).fill(0.0);
-            (information[(i, i)], alone[i]) = (1.0, 1.0);
-            right[i] = 0.0;
-        }
-        // Each in units of what it would be known by alone, then the added ones with the camera free.
-        let units = alone.map(|v| 1.0 / v.max(1e-300).sqrt());
-        let scale = DMatrix::from_diagonal(&units);
-        let (information, right) = (&scale * information * &scale, scale * right);
-        let of = |i: usize, j: usize, n: usize, m: usize| information.view((i, j), (n, m)).into_owned();
-        let camera = of(0, 0, SHARED, SHARED).cholesky()?;
-        let across = of(SHARED, 0, added, SHARED);
-        let reduced = of(SHARED, SHARED, added, added) - &across * camera.solve(&across.transpose());
-        let score = right.rows(SHARED, added) - &across * camera.solve(&right.rows(0, SHARED).into_owned());
-        let eigen = symmetric_eigen(&(0.5 * (&reduced + reduced.transpose())));
-        let (mut values, mut variances) = (DVector::zeros(added), DVector::zeros(added));
-        let (mut chi_square, mut unknowns) = (0.0, 0);
-        for (value, vector) in
-            eigen.values.iter().zip(eigen.vectors.column_iter()).filter(|(v, _)| **v > LEAST_KNOWN)
-        {
-            let along = vector.dot(&score);
-            chi_square += along * along / value;
-            unknowns += 1;
-            values += vector * (along / value);
-            variances += vector.map(|x| x * x / value);
-        }
-        let units = units.rows(SHARED, added).into_owned();
-        Some(Explained {
-            chi_square,
-            total,
-            unknowns,
-            values: values.component_mul(&units),
-            variances: variances.component_mul(&units.map(|u| u * u)),
-        })
+        let units = alone.map(|v| if v > 0.0 { 1.0 / v.sqrt() } else { 0.0 });
+        Some(Told { information, right, units })
+    }
+
+    /// Which frames show columns and rows of a stretched board exchanged: stretch and skew of each frame's board by itself are plus or
+    /// minus one pair. Each frame in turn says which; the others join it, then turn as long as that explains more.
+    fn signs(&self, patterns: &Patterns) -> Option<Vec<f64>> {
+        let told = self.told(&patterns.with(MisfitKind::BoardStretched), patterns.kinds.len())?;
+        let n = self.frames.len();
+        let pair = |i: usize| Vector2::new(told.right[2 * i], told.right[2 * i + 1]);
+        let block = |i: usize, j: usize| told.information.fixed_view::<2, 2>(2 * i, 2 * j).into_owned();
+        let explained = |signs: &[f64]| -> f64 {
+            let mut information = Matrix2::zeros();
+            for i in 0..n {
+                (0..n).for_each(|j| information += block(i, j) * (signs[i] * signs[j]));
+            }
+            let right: Vector2<f64> = (0..n).map(|i| pair(i) * signs[i]).sum();
+            information.cholesky().map_or(0.0, |known| right.dot(&known.solve(&right)))
+        };
+        let from = |first: usize| -> Option<(f64, Vec<f64>)> {
+            let along = block(first, first).cholesky()?.solve(&pair(first));
+            let mut signs: Vec<f64> = (0..n).map(|i| pair(i).dot(&along).signum()).collect();
+            let mut most = explained(&signs);
+            loop {
+                let before = most;
+                for i in 0..n {
+                    signs[i] = -signs[i];
+                    let now = explained(&signs);
+                    if now > most {
+                        most = now;
+                    } else {
+                        signs[i] = -signs[i];
+                    }
+                }
+                if most <= before {
+                    return Some((most, signs));
+                }
+            }
+        };
+        (0..n).filter_map(from).max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, signs)| signs)
     }
 
     /// The shifts that a lens may make at a place of the sensor, [`LENS_POWERS`] each.
@@ -326,25 +622,28 @@ impl Solved<'_> {
     /// How a circle's two residuals change with the unknowns of these patterns.
     fn centre_by(
         &self,
-        kinds: &[MisfitKind],
+        patterns: &Patterns,
         frame: usize,
-        seen: &FrameSeen,
         board_mm: Vector2<f64>,
         rows: &[Row; 2],
-    ) -> Option<[DVector<f64>; 2]> {
-        let added = self.columns_of(kinds);
-        let mut by = [DVector::zeros(added), DVector::zeros(added)];
-        let (px, by_point, _) = px_by_point(&self.shared.camera, &point_on_board(&seen.pose, board_mm))?;
+    ) -> Option<[By; 2]> {
+        let mut by = [By::new(), By::new()];
+        let pose = &self.frames[frame].pose;
+        let (px, by_point, _) = px_by_point(&self.shared.camera, &point_on_board(pose, board_mm))?;
         // Observed minus projected: what moves the projection moves the residual the other way.
         let moved = |point: Vector3<f64>| -(by_point * point);
-        let axis = |i: usize| -> Vector3<f64> { seen.pose.rotation.column(i).into() };
+        let axis = |i: usize| -> Vector3<f64> { pose.rotation.column(i).into() };
+        // One direction longer and the other shorter, and both turned towards each other.
+        let (x, y) = (axis(0), axis(1));
+        let stretch = x * board_mm.x - y * board_mm.y;
+        let skew = x * board_mm.y + y * board_mm.x;
+        let by_camera = |i: usize| Vector2::new(rows[0].by_shared[i], rows[1].by_shared[i]);
         let mut first = 0;
-        for kind in kinds {
+        for kind in &patterns.kinds {
             let mut put = |i: usize, value: Vector2<f64>| {
-                by[0][first + i] = value.x;
-                by[1][first + i] = value.y;
+                by[0].push((first + i, value.x));
+                by[1].push((first + i, value.y));
             };
-            let by_camera = |i: usize| Vector2::new(rows[0].by_shared[i], rows[1].by_shared[i]);
             match kind {
                 MisfitKind::Lens => {
                     for (i, shift) in self.lens_shifts(px).enumerate() {
@@ -358,8 +657,10 @@ impl Solved<'_> {
                     }
                 }
                 MisfitKind::BoardStretched => {
-                    put(0, moved(axis(0) * board_mm.x));
-                    put(1, moved(axis(0) * board_mm.y));
+                    let (at, sign) =
+                        patterns.signs.as_ref().map_or((2 * frame, 1.0), |signs| (0, signs[frame]));
+                    put(at, moved(stretch * sign));
+                    put(at + 1, moved(skew * sign));
                 }
                 MisfitKind::FocusChanges => {
                     let c = &self.shared.camera;
@@ -370,82 +671,53 @@ impl Solved<'_> {
                     put(2 * frame + 1, by_camera(3));
                 }
                 MisfitKind::BoardsDiffer => {
-                    put(2 * frame, moved(axis(0) * board_mm.x + axis(1) * board_mm.y));
-                    put(2 * frame + 1, moved(axis(0) * board_mm.x));
+                    put(2 * frame, moved(x * board_mm.x + y * board_mm.y));
+                    put(2 * frame + 1, moved(stretch));
                 }
             }
-            first += self.columns(*kind);
+            first += patterns.columns(*kind);
         }
         Some(by)
     }
 
     /// How a stripe's residual changes with them.
-    fn stripe_by(
-        &self,
-        kinds: &[MisfitKind],
-        frame: usize,
-        seen: &FrameSeen,
-        at: Px,
-        row: &Row,
-    ) -> Option<DVector<f64>> {
-        let added = self.columns_of(kinds);
-        let mut by = DVector::zeros(added);
+    fn stripe_by(&self, patterns: &Patterns, frame: usize, at: Px, row: &Row) -> Option<By> {
+        let mut by = By::new();
+        let pose = &self.frames[frame].pose;
         let mut first = 0;
-        for kind in kinds {
+        for kind in &patterns.kinds {
+            let mut put = |i: usize, value: f64| by.push((first + i, value));
             match kind {
                 MisfitKind::Lens => {
                     // A picture that is shifted here is as if cx and cy were.
                     for (i, shift) in self.lens_shifts(at).enumerate() {
-                        by[first + 2 * i] = row.by_shared[2] * shift;
-                        by[first + 2 * i + 1] = row.by_shared[3] * shift;
+                        put(2 * i, row.by_shared[2] * shift);
+                        put(2 * i + 1, row.by_shared[3] * shift);
                     }
                 }
                 MisfitKind::BoardBowed => {
-                    let on_board = super::rim::on_board(&self.shared.camera, &seen.pose, at)?;
+                    let on_board = super::rim::on_board(&self.shared.camera, pose, at)?;
                     // The board that much nearer along its normal: what the pose's shift along it does.
-                    let normal: Vector3<f64> = seen.pose.rotation.column(2).into();
+                    let normal: Vector3<f64> = pose.rotation.column(2).into();
                     let up = row.by_pose.fixed_rows::<3>(3).dot(&normal);
                     for (i, height) in bow(on_board).into_iter().enumerate() {
-                        by[first + i] = up * height;
+                        put(i, up * height);
                     }
                 }
                 MisfitKind::FocusChanges => {
                     let c = &self.shared.camera;
-                    by[first + frame] = row.by_shared[0] * c.fx + row.by_shared[1] * c.fy;
+                    put(frame, row.by_shared[0] * c.fx + row.by_shared[1] * c.fy);
                 }
                 MisfitKind::Shifted => {
-                    by[first + 2 * frame] = row.by_shared[2];
-                    by[first + 2 * frame + 1] = row.by_shared[3];
+                    put(2 * frame, row.by_shared[2]);
+                    put(2 * frame + 1, row.by_shared[3]);
                 }
                 // A stripe does not care where on the board it lies.
                 MisfitKind::BoardStretched | MisfitKind::BoardsDiffer => {}
             }
-            first += self.columns(*kind);
+            first += patterns.columns(*kind);
         }
         Some(by)
-    }
-
-    /// The size of a pattern from its unknowns; of a lens it is told by the residuals.
-    fn size(&self, kind: MisfitKind, values: &DVector<f64>, variances: &DVector<f64>) -> Option<f64> {
-        // Variance of what each frame has for itself, beyond what noise gives it.
-        let spread = |first: usize, step: usize| {
-            let own = || (first..values.len()).step_by(step);
-            let n = own().count() as f64;
-            let mean = own().map(|i| values[i]).sum::<f64>() / n;
-            (own().map(|i| (values[i] - mean).powi(2) - variances[i]).sum::<f64>() / n).max(0.0)
-        };
-        match kind {
-            MisfitKind::Lens => None,
-            MisfitKind::BoardBowed => {
-                let all = self.frames.iter().flat_map(|f| f.centres.iter().map(|c| c.board_mm));
-                let height = |at| bow(at).into_iter().zip(values.iter()).map(|(h, v)| h * v).sum::<f64>();
-                let (low, high) = all.map(height).fold((0.0f64, 0.0f64), |(l, h), x| (l.min(x), h.max(x)));
-                Some(high - low)
-            }
-            MisfitKind::BoardStretched => Some(values[0].abs().max(values[1].abs())),
-            MisfitKind::FocusChanges => Some(spread(0, 1).sqrt()),
-            MisfitKind::Shifted | MisfitKind::BoardsDiffer => Some((spread(0, 2) + spread(1, 2)).sqrt()),
-        }
     }
 }
 

@@ -40,6 +40,18 @@ impl Shared {
         camera.skew += step[SKEW];
         Self { camera, planes: lasers.map(|plane| plane.per_mm) }
     }
+
+    /// Difference of the parameters, in the order of the covariance.
+    pub fn minus(&self, other: &Self) -> SVector<f64, PARAMETERS> {
+        let parameters = |s: &Self| {
+            let c = &s.camera;
+            let planes = s.planes.iter().flat_map(|p| [p.x, p.y, p.z]);
+            let more = [c.p1, c.p2, c.k3];
+            let all = [c.fx, c.fy, c.cx, c.cy, c.k1, c.k2].into_iter().chain(planes).chain(more);
+            SVector::<f64, PARAMETERS>::from_iterator(all)
+        };
+        parameters(self) - parameters(other)
+    }
 }
 
 /// A pose moved by a small rotation (after its own) and translation.

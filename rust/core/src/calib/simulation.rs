@@ -1,7 +1,8 @@
 //! Does the covariance say how solves scatter? Hundreds of synthetic sets, observed with known noise, solved like real ones.
 
 use super::adjust::{
-    CentreSeen, Fixed, FrameSeen, Loss, Scatter, StripeSeen, adjust, covariance, scatter, solve_scaled,
+    CentreSeen, Fixed, FrameSeen, Loss, Scatter, StripeSeen, adjust, covariance, own_sigmas, scatter,
+    solve_scaled,
 };
 use super::board::{Board, OnBoard};
 use super::lens::{self, LensTerms};
@@ -57,8 +58,7 @@ fn head() -> Shared {
 }
 
 /// Frames without noise: circles and stripe centres where the head sees them.
-fn frames(head: &Shared) -> Vec<FrameSeen> {
-    let mut noise = Noise(7);
+fn frames(head: &Shared, noise: &mut Noise) -> Vec<FrameSeen> {
     let face_us = Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
     (0..8)
         .map(|i| {
@@ -94,7 +94,7 @@ fn frames(head: &Shared) -> Vec<FrameSeen> {
 #[test]
 fn hundreds_of_solves_scatter_as_the_covariance_says() {
     let head = head();
-    let clean = frames(&head);
+    let clean = frames(&head, &mut Noise(7));
     let fixed = Fixed { skew: true, distortion: false, lens: LensTerms::BROWN, planes: false, all: false };
     let mut noise = Noise(1);
     let mut squares = SVector::<f64, PARAMETERS>::zeros();
@@ -132,7 +132,7 @@ fn hundreds_of_solves_scatter_as_the_covariance_says() {
             adjust(&mut found, &mut seen, &Scatter::EVEN, fixed, Loss::Tukey).expect("a good set");
         let (_, inverse) = solve_scaled(&information, &SVector::<f64, SHARED>::zeros()).expect("a good set");
         let covariance = covariance(&inverse);
-        let error = difference(&found, &head);
+        let error = found.minus(&head);
         squares += SVector::from_fn(|i, _| error[i] * error[i] / covariance[(i, i)]);
         // In units of the sigmas, to invert an even matrix.
         let units = SVector::<f64, PARAMETERS>::from_fn(|i, _| 1.0 / covariance[(i, i)].sqrt());
@@ -150,16 +150,6 @@ fn hundreds_of_solves_scatter_as_the_covariance_says() {
     assert!(outside <= 15, "{outside} of {SOLVES} beyond the 1 % quantile");
 }
 
-fn difference(a: &Shared, b: &Shared) -> SVector<f64, PARAMETERS> {
-    let parameters = |s: &Shared| {
-        let c = &s.camera;
-        let planes = s.planes.iter().flat_map(|p| [p.x, p.y, p.z]);
-        let all = [c.fx, c.fy, c.cx, c.cy, c.k1, c.k2].into_iter().chain(planes).chain([c.p1, c.p2, c.k3]);
-        SVector::<f64, PARAMETERS>::from_iterator(all)
-    };
-    parameters(a) - parameters(b)
-}
-
 /// Of sets whose lens is the paper's few get more terms, and a lens that has more gets those it has.
 #[test]
 fn frames_left_out_tell_which_terms_the_lens_has() {
@@ -167,7 +157,7 @@ fn frames_left_out_tell_which_terms_the_lens_has() {
     let mut noise = Noise(3);
     let mut chosen = |camera: CameraModel| {
         let head = Shared { camera, ..head() };
-        let mut seen = frames(&head);
+        let mut seen = frames(&head, &mut Noise(7));
         for c in seen.iter_mut().flat_map(|frame| &mut frame.centres) {
             c.at.u += CENTRE_SIGMA_PX * noise.normal();
             c.at.v += CENTRE_SIGMA_PX * noise.normal();
@@ -190,70 +180,152 @@ fn frames_left_out_tell_which_terms_the_lens_has() {
     assert_eq!(chosen(CameraModel { k3: 2.0, ..decentred }), LensTerms::BROWN);
 }
 
-/// A set of frames with something wrong in it, solved with the paper's lens: the patterns that are named.
-fn wrong_set(noise: &mut Noise, kind: Option<MisfitKind>) -> Vec<MisfitKind> {
+/// A set of frames with something wrong in it, solved with the paper's lens.
+struct WrongSet {
+    found: misfit::Found,
+    /// How large what is wrong is, as [`misfit::Misfit::size`] has it; `None` for a lens.
+    size: Option<f64>,
+    /// Errors of fx, fy, cx, cy in their sigmas, what was found taken in.
+    sigmas: [f64; 4],
+}
+
+/// Standard deviation of a list.
+fn spread(all: &[f64]) -> f64 {
+    let n = all.len() as f64;
+    let mean = all.iter().sum::<f64>() / n;
+    (all.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / (n - 1.0)).sqrt()
+}
+
+fn wrong_set(noise: &mut Noise, kind: Option<MisfitKind>) -> WrongSet {
     let head = head();
-    let mut seen = frames(&head);
+    let mut seen = frames(&head, noise);
+    let mut size = None;
+    let mut focus = Vec::new();
     for (i, frame) in seen.iter_mut().enumerate() {
         let camera = match kind {
             Some(MisfitKind::Lens) => CameraModel { p1: 0.004, p2: -0.003, ..head.camera },
             Some(MisfitKind::FocusChanges) => {
                 let share = 1.0 + 0.002 * noise.normal();
+                focus.push(share);
                 CameraModel { fx: head.camera.fx * share, fy: head.camera.fy * share, ..head.camera }
             }
-            Some(MisfitKind::Shifted) if i % 2 == 0 => {
-                CameraModel { cx: head.camera.cx + 6.0, cy: head.camera.cy - 4.0, ..head.camera }
+            Some(MisfitKind::Shifted) => {
+                let shift = if i % 2 == 0 { 1.0 } else { -1.0 };
+                size = Some(spread(&[1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0]) * f64::hypot(3.0, 2.0));
+                CameraModel {
+                    cx: head.camera.cx + 3.0 * shift,
+                    cy: head.camera.cy - 2.0 * shift,
+                    ..head.camera
+                }
             }
             _ => head.camera,
         };
         let pose = frame.pose;
         let larger = if i % 2 == 0 { 1.002 } else { 1.0 };
+        // 1.5 mm from the middle to the corners.
+        let bow = |x: f64, y: f64| match kind {
+            Some(MisfitKind::BoardBowed) => 1.5 * (x * x + y * y) / (550.0 * 550.0 + 500.0 * 500.0),
+            _ => 0.0,
+        };
         for c in &mut frame.centres {
             let (x, y) = (c.board_mm.x, c.board_mm.y);
-            let on_board = match kind {
-                // 1.5 mm from the middle to the corners.
-                Some(MisfitKind::BoardBowed) => {
-                    Vector3::new(x, y, 1.5 * (x * x + y * y) / (550.0 * 550.0 + 500.0 * 500.0))
-                }
-                Some(MisfitKind::BoardStretched) => Vector3::new(x * 1.001, y, 0.0),
-                Some(MisfitKind::BoardsDiffer) => Vector3::new(x * larger, y, 0.0),
-                _ => Vector3::new(x, y, 0.0),
+            // Every third frame shows columns and rows exchanged, as parts of a grid may be.
+            let (along, down) = match kind {
+                Some(MisfitKind::BoardStretched) if i % 3 == 1 => (1.0, 1.001),
+                Some(MisfitKind::BoardStretched) => (1.001, 1.0),
+                Some(MisfitKind::BoardsDiffer) => (larger, 1.0),
+                _ => (1.0, 1.0),
             };
-            let point = pose.transform(&Point::from_vector(on_board));
+            let point = pose.transform(&Point::new(x * along, y * down, bow(x, y)));
             c.at = camera.px_from_point(&point).expect("in front of the camera");
             c.at.u += CENTRE_SIGMA_PX * noise.normal();
             c.at.v += CENTRE_SIGMA_PX * noise.normal();
         }
         for s in &mut frame.stripes {
+            // Where the laser meets the board that is bowed there.
+            let on_board = on_board(&head.camera, &pose, s.at).expect("on the board");
+            let normal: Vector3<f64> = pose.rotation.column(2).into();
+            let lifted = Pose::new(pose.rotation, pose.translation_mm + normal * bow(on_board.x, on_board.y));
+            let line = board_plane(&lifted) - head.planes[s.laser];
+            let ray = head.camera.ray_from_px(s.at);
+            let moved = Ray::new(-(line.y * ray.xy1.y + line.z) / line.x, ray.xy1.y);
             // Where the camera of the frame sees the same ray; along the stripe it does not matter.
-            s.at = camera.px_from_ray(&head.camera.ray_from_px(s.at)).expect("in the picture");
+            s.at = camera.px_from_ray(&moved).expect("in the picture");
             s.at.u += STRIPE_SIGMA_PX * noise.normal();
         }
     }
+    size = match kind {
+        Some(MisfitKind::BoardBowed) => {
+            let corners = seen.iter().flat_map(|f| &f.centres).map(|c| c.board_mm.norm_squared());
+            Some(1.5 * corners.fold(0.0, f64::max) / (550.0 * 550.0 + 500.0 * 500.0))
+        }
+        Some(MisfitKind::BoardStretched) => Some(0.001),
+        Some(MisfitKind::FocusChanges) => Some(spread(&focus)),
+        // Only the columns' pitch differs, by 0.002 in every second frame.
+        Some(MisfitKind::BoardsDiffer) => {
+            Some(0.001 * spread(&[1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0]) / 2f64.sqrt())
+        }
+        _ => size,
+    };
     let fixed = Fixed { skew: true, distortion: false, lens: LensTerms::PAPER, planes: false, all: false };
-    let mut shared = head;
+    let mut shared = head.clone();
     adjust(&mut shared, &mut seen, &Scatter::EVEN, fixed, Loss::Huber).expect("a good set");
-    let spread = scatter(&shared, &seen);
-    adjust(&mut shared, &mut seen, &spread, fixed, Loss::Tukey).expect("a good set");
-    let spread = scatter(&shared, &seen);
-    let solved =
-        misfit::Solved { shared: &shared, frames: &seen, scatter: &spread, fixed, image_px: [2592, 1944] };
-    let found = misfit::misfits(&solved);
-    for misfit in &found {
-        println!("{kind:?}: {misfit}, chi^2 {:.0} over {:.0}", misfit.chi_square, misfit.limit);
+    let mut information = None;
+    for _ in 0..3 {
+        own_sigmas(&shared, &mut seen);
+        let spread = scatter(&shared, &seen);
+        information = adjust(&mut shared, &mut seen, &spread, fixed, Loss::Tukey);
     }
-    found.iter().map(|misfit| misfit.kind).collect()
+    let (_, inverse) =
+        solve_scaled(&information.expect("a good set"), &SVector::zeros()).expect("a good set");
+    let spread = scatter(&shared, &seen);
+    let solved = misfit::Solved {
+        shared: shared.clone(),
+        frames: seen,
+        scatter: spread,
+        fixed,
+        image_px: [2592, 1944],
+    };
+    let found = misfit::misfits(&solved);
+    for misfit in &found.misfits {
+        println!("{kind:?}: {misfit}, chi^2 {:.0} over {:.0}; {size:?}", misfit.chi_square, misfit.limit);
+    }
+    let covariance = found.covariance.unwrap_or_else(|| covariance(&inverse));
+    let error = found.shared.minus(&head);
+    WrongSet { found, size, sigmas: [0, 1, 2, 3].map(|i| error[i] / covariance[(i, i)].sqrt()) }
 }
 
-/// Each pattern is named first where it is, and none where nothing is wrong.
+/// Each pattern is named first where it is, with its size, and none where nothing is wrong; sigmas take in what it does to the camera.
 #[test]
 fn what_does_not_fit_is_named() {
     const SETS: usize = 10;
     let mut noise = Noise(11);
-    let alarms = (0..2 * SETS).filter(|_| !wrong_set(&mut noise, None).is_empty()).count();
+    let alarms = (0..2 * SETS).filter(|_| !wrong_set(&mut noise, None).found.misfits.is_empty()).count();
+    println!("sound: {alarms} alarms of {}", 2 * SETS);
     assert!(alarms <= 1, "{alarms} of {} sound sets", 2 * SETS);
     for kind in MisfitKind::ALL {
-        let named = (0..SETS).filter(|_| wrong_set(&mut noise, Some(kind)).first() == Some(&kind)).count();
+        let (mut named, mut squares) = (0, 0.0);
+        let mut ratios = Vec::new();
+        for _ in 0..SETS {
+            let set = wrong_set(&mut noise, Some(kind));
+            squares += set.sigmas.iter().map(|s| s * s).sum::<f64>() / 4.0 / SETS as f64;
+            let first = set.found.misfits.first().filter(|first| first.kind == kind);
+            named += usize::from(first.is_some());
+            ratios.extend(first.zip(set.size).map(|(first, size)| first.size / size));
+        }
+        let mean = ratios.iter().sum::<f64>() / ratios.len().max(1) as f64;
+        println!(
+            "{kind:?}: named in {named} of {SETS}, size {mean:.3} of the true one, (error/sigma)^2 {squares:.2}"
+        );
         assert!(named + 1 >= SETS, "{kind:?} is named first in {named} of {SETS} sets");
+        // Boards that differ: a stretch of its own takes half of what a frame says about the camera, and what is left is in the size.
+        let (limit, most) = if kind == MisfitKind::BoardsDiffer { (0.15, 4.0) } else { (0.05, 3.0) };
+        // A lens has no size of its own.
+        assert!(
+            kind == MisfitKind::Lens || (mean - 1.0).abs() < limit,
+            "{kind:?}: size {mean} of the true one"
+        );
+        // A mean of 40 squares of which some ten are independent scatters by 0.45.
+        assert!(squares < most, "{kind:?}: mean (error/sigma)^2 {squares}");
     }
 }

@@ -163,15 +163,15 @@ impl CameraSolution {
             adjust(&mut self.shared, &mut used, &spread, fixed, Loss::Tukey).ok_or_else(unsolved)?;
         let (_, inverse) = solve_scaled(&information, &SVector::zeros()).ok_or_else(unsolved)?;
         let image_px = [self.views[0].width_px, self.views[0].height_px];
-        let shared = &self.shared;
-        let solved = misfit::Solved { shared, frames: &used, scatter: &spread, fixed, image_px };
-        let rms = rms_of_centres(shared, &used);
+        let rms = rms_of_centres(&self.shared, &used);
+        let (shared, frames) = (self.shared.clone(), used);
+        let found = misfit::misfits(&misfit::Solved { shared, frames, scatter: spread, fixed, image_px });
         Ok(CameraAlone {
-            camera: shared.camera,
-            covariance: covariance(&inverse),
+            camera: found.shared.camera,
+            covariance: found.covariance.unwrap_or_else(|| covariance(&inverse)),
             centre_rms_px: [rms.x, rms.y],
             views: (0..self.views.len()).filter(|i| self.rejects[*i].is_none()).collect(),
-            misfits: misfit::misfits(&solved),
+            misfits: found.misfits,
             lens: self.lens,
             lens_trials: self.trials,
         })
@@ -427,13 +427,14 @@ fn summarise(
 ) -> CalibrationSolution {
     let fixed = solution.fixed(false, false);
     let CameraSolution { shared, board, lens, trials, .. } = solution;
-    let misfits = misfit::misfits(&misfit::Solved {
-        shared: &shared,
-        frames: &used,
-        scatter: &spread,
+    let found = misfit::misfits(&misfit::Solved {
+        shared: shared.clone(),
+        frames: used.clone(),
+        scatter: spread,
         fixed,
         image_px,
     });
+    let covariance = found.covariance.unwrap_or(covariance);
     let mut frames = Vec::with_capacity(used.len());
     let mut stripe_sums = [(0.0, 0.0f64); 4];
     for (seen, view) in used.iter().zip(views) {
@@ -465,8 +466,8 @@ fn summarise(
     }
     let rms = rms_of_centres(&shared, &used);
     CalibrationSolution {
-        camera: shared.camera,
-        lasers: planes::typed(&shared.planes),
+        camera: found.shared.camera,
+        lasers: planes::typed(&found.shared.planes),
         covariance,
         centre_rms_px: [rms.x, rms.y],
         stripe_rms_px: stripe_sums.map(|(sum, n)| (sum / n.max(1.0)).sqrt()),
@@ -475,7 +476,7 @@ fn summarise(
         frames,
         lens,
         lens_trials: trials,
-        misfits,
+        misfits: found.misfits,
         next: used,
         shared,
         information,

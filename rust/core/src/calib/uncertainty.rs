@@ -2,7 +2,7 @@
 
 use crate::calibration::{CalibrationCovariance, PARAMETERS, PLANES};
 use crate::camera::CameraModel;
-use crate::frames::{Cam, Plane};
+use crate::frames::{Cam, Plane, Ray};
 use crate::units::Px;
 use nalgebra::{Matrix3, SVector, Vector2, Vector3};
 
@@ -69,8 +69,74 @@ pub fn usual_distance_mm(length_mm: f64) -> f64 {
 /// Places on each stripe and on each side that stand for a measurement.
 const SAMPLES: usize = 12;
 
-/// Standard deviation, mm, that the calibration alone gives the longer side of a face seen straight on from a distance,
-/// the head rolled by 45 degrees, length : width = 1 : 0.6. Stripe and edge pixels stay where they are; plane and sides
+/// Pixels that stand for a measurement of the longer side of a face seen straight on, the head rolled by 45 degrees, length : width =
+/// 1 : 0.6.
+#[derive(Clone, Debug)]
+pub struct SideSeen {
+    /// Stripes on the face by laser, 0 to 3.
+    stripes: Vec<(usize, Px)>,
+    /// The two sides whose distance is the length.
+    sides: [Vec<Px>; 2],
+}
+
+impl SideSeen {
+    /// From a distance, by a camera as a function from rays to pixels. `None` if something is not in view of it.
+    #[must_use]
+    pub fn new(
+        px: impl Fn(&Ray<Cam>) -> Option<Px>,
+        lasers: &[Plane<Cam>; 4],
+        length_mm: f64,
+        distance_mm: f64,
+    ) -> Option<Self> {
+        let half = Vector2::new(0.5 * length_mm, 0.3 * length_mm);
+        let (s, c) = std::f64::consts::FRAC_PI_4.sin_cos();
+        let on_face = |a: f64, b: f64| Vector3::new(c * a - s * b, s * a + c * b, distance_mm);
+        let px = |p: Vector3<f64>| px(&Ray::new(p.x / p.z, p.y / p.z));
+        let mut stripes: Vec<(usize, Px)> = Vec::new();
+        for (laser, plane) in lasers.iter().enumerate() {
+            let p = plane.per_mm;
+            for i in 0..SAMPLES {
+                let along = (i as f64 + 0.5) / SAMPLES as f64 * 2.0 - 1.0;
+                // A line of the face that the stripe crosses: across for those that run along, and the other way round.
+                for (a, b) in [(Some(along * half.x), None), (None, Some(along * half.y))] {
+                    let (start, direction) = match (a, b) {
+                        (Some(a), _) => (on_face(a, 0.0), on_face(0.0, 1.0) - on_face(0.0, 0.0)),
+                        (_, b) => (on_face(0.0, b.unwrap_or(0.0)), on_face(1.0, 0.0) - on_face(0.0, 0.0)),
+                    };
+                    let slope = p.dot(&direction);
+                    let at = (1.0 - p.dot(&start)) / slope;
+                    let limit = if a.is_some() { half.y } else { half.x };
+                    // The steep way across is the well defined one.
+                    if at.abs() < limit && slope.abs() > 0.7 * p.xy().norm() {
+                        stripes.push((laser, px(start + direction * at)?));
+                    }
+                }
+            }
+        }
+        let side = |a: f64| -> Option<Vec<Px>> {
+            (0..SAMPLES)
+                .map(|i| px(on_face(a, ((i as f64 + 0.5) / SAMPLES as f64 * 2.0 - 1.0) * half.y)))
+                .collect()
+        };
+        Some(Self { stripes, sides: [side(-half.x)?, side(half.x)?] })
+    }
+
+    /// The length that a calibration makes of these pixels, mm.
+    #[must_use]
+    pub fn length_mm(&self, camera: &CameraModel, lasers: &[Plane<Cam>; 4]) -> Option<f64> {
+        let plane = plane_from_stripes(camera, lasers, &self.stripes)?;
+        let point = |px: &Px| {
+            let ray = camera.ray_from_px(*px).xy1;
+            ray / plane.dot(&ray)
+        };
+        // Distance between the sides as an observer takes it: mean of the distances of opposite points.
+        let [low, high] = &self.sides;
+        let sum: f64 = low.iter().zip(high).map(|(l, h)| (point(l) - point(h)).norm()).sum();
+        Some(sum / SAMPLES as f64)
+    }
+}
+
+/// Standard deviation, mm, that the calibration alone gives the side of a [`SideSeen`]: its pixels stay where they are; plane and sides
 /// are computed with the moved calibration.
 #[must_use]
 pub fn side_sigma_mm(
@@ -80,48 +146,8 @@ pub fn side_sigma_mm(
     length_mm: f64,
     distance_mm: f64,
 ) -> Option<f64> {
-    let half = Vector2::new(0.5 * length_mm, 0.3 * length_mm);
-    let (s, c) = std::f64::consts::FRAC_PI_4.sin_cos();
-    let on_face = |a: f64, b: f64| Vector3::new(c * a - s * b, s * a + c * b, distance_mm);
-    let px = |p: Vector3<f64>| camera.px_from_ray(&crate::frames::Ray::new(p.x / p.z, p.y / p.z));
-    // Pixels of the stripes on the face and of the two sides whose distance is the length.
-    let mut stripes: Vec<(usize, Px)> = Vec::new();
-    for (laser, plane) in lasers.iter().enumerate() {
-        let p = plane.per_mm;
-        for i in 0..SAMPLES {
-            let along = (i as f64 + 0.5) / SAMPLES as f64 * 2.0 - 1.0;
-            // A line of the face that the stripe crosses: across for those that run along, and the other way round.
-            for (a, b) in [(Some(along * half.x), None), (None, Some(along * half.y))] {
-                let (start, direction) = match (a, b) {
-                    (Some(a), _) => (on_face(a, 0.0), on_face(0.0, 1.0) - on_face(0.0, 0.0)),
-                    (_, b) => (on_face(0.0, b.unwrap_or(0.0)), on_face(1.0, 0.0) - on_face(0.0, 0.0)),
-                };
-                let slope = p.dot(&direction);
-                let at = (1.0 - p.dot(&start)) / slope;
-                let limit = if a.is_some() { half.y } else { half.x };
-                // The steep way across is the well defined one.
-                if at.abs() < limit && slope.abs() > 0.7 * p.xy().norm() {
-                    stripes.push((laser, px(start + direction * at)?));
-                }
-            }
-        }
-    }
-    let side = |a: f64| -> Option<Vec<Px>> {
-        (0..SAMPLES)
-            .map(|i| px(on_face(a, ((i as f64 + 0.5) / SAMPLES as f64 * 2.0 - 1.0) * half.y)))
-            .collect()
-    };
-    let (low, high) = (side(-half.x)?, side(half.x)?);
-    let variance = variance_of(camera, lasers, covariance, |camera, lasers| {
-        let plane = plane_from_stripes(camera, lasers, &stripes)?;
-        let point = |px: &Px| {
-            let ray = camera.ray_from_px(*px).xy1;
-            ray / plane.dot(&ray)
-        };
-        // Distance between the sides as an observer takes it: mean of the distances of opposite points.
-        let sum: f64 = low.iter().zip(&high).map(|(l, h)| (point(l) - point(h)).norm()).sum();
-        Some(sum / SAMPLES as f64)
-    })?;
+    let seen = SideSeen::new(|ray| camera.px_from_ray(ray), lasers, length_mm, distance_mm)?;
+    let variance = variance_of(camera, lasers, covariance, |camera, lasers| seen.length_mm(camera, lasers))?;
     Some(variance.sqrt())
 }
 
