@@ -295,8 +295,8 @@ pub struct RenderArgs {
     #[arg(long, value_enum, default_value_t = HeadName::Random)]
     pub head: HeadName,
     /// What is wrong with a board and the head that sees it: the focal length changes between frames by a share (1 sigma), the board bows
-    /// by mm, its columns' pitch is larger by a share
-    #[arg(long, value_name = "focus=0.003,bow=2,stretch=0.001", default_value = "", hide_default_value = true, value_parser = Faults::parse)]
+    /// by mm, its columns' pitch is larger by a share, a share of the light comes from one side, the sensor is tilted by degrees
+    #[arg(long, value_name = "focus=0.003,bow=2,stretch=0.001,light=0.8,tilt=0.3", default_value = "", hide_default_value = true, value_parser = Faults::parse)]
     pub faults: Faults,
     /// JPEGs for prints, posters and walls (rust/edgenet/training/photos.sh fills a folder)
     #[arg(long, value_name = "FOLDER")]

@@ -11,6 +11,9 @@ pub struct Raster {
     pub height: usize,
     /// Sensor pixels per pixel of this raster, along columns and rows.
     pub px_per_cell: [f64; 2],
+    /// The keystone of a sensor that is tilted behind its lens, along columns and rows, 1/px: tangent of the angle over the focal length
+    /// in px. 0 is a sensor that faces its lens.
+    pub keystone_per_px: [f64; 2],
 }
 
 impl Raster {
@@ -24,19 +27,38 @@ impl Raster {
     #[must_use]
     pub fn covering(sensor: [u32; 2], width: usize, height: usize) -> Self {
         let px_per_cell = [f64::from(sensor[0]) / width as f64, f64::from(sensor[1]) / height as f64];
-        Self { width, height, px_per_cell }
+        Self { width, height, px_per_cell, keystone_per_px: [0.0; 2] }
     }
 
     /// The sensor position of a position on this raster.
     #[must_use]
     pub fn px(&self, column: f64, row: f64) -> Px {
-        Px::new((column + 0.5) * self.px_per_cell[0] - 0.5, (row + 0.5) * self.px_per_cell[1] - 0.5)
+        let px = Px::new((column + 0.5) * self.px_per_cell[0] - 0.5, (row + 0.5) * self.px_per_cell[1] - 0.5);
+        self.keystoned(px, 1.0)
+    }
+
+    /// A place d from the sensor's middle on one that faces the lens, d / (1 + t . d), for one on the tilted sensor, or with -1 back.
+    fn keystoned(&self, px: Px, way: f64) -> Px {
+        let middle = [
+            0.5 * (self.width as f64 * self.px_per_cell[0] - 1.0),
+            0.5 * (self.height as f64 * self.px_per_cell[1] - 1.0),
+        ];
+        let [x, y] = [px.u - middle[0], px.v - middle[1]];
+        let by = 1.0 + way * (self.keystone_per_px[0] * x + self.keystone_per_px[1] * y);
+        Px::new(middle[0] + x / by, middle[1] + y / by)
     }
 
     /// The position on this raster (column, row) of a sensor position.
     #[must_use]
     pub fn from_px(&self, px: Px) -> [f64; 2] {
+        let px = self.keystoned(px, -1.0);
         [(px.u + 0.5) / self.px_per_cell[0] - 0.5, (px.v + 0.5) / self.px_per_cell[1] - 0.5]
+    }
+
+    /// The same on a sensor that is tilted.
+    #[must_use]
+    pub const fn tilted(self, keystone_per_px: [f64; 2]) -> Self {
+        Self { keystone_per_px, ..self }
     }
 
     /// Sensor pixels per cell, the mean of both directions.

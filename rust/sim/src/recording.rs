@@ -65,6 +65,16 @@ pub struct Exposure {
     pub optics: Optics,
     /// How finely it is drawn.
     pub detail: Detail,
+    /// Of a sensor that is tilted ([`Raster::keystone_per_px`]).
+    pub keystone_per_px: [f64; 2],
+}
+
+impl Exposure {
+    /// With the lasers on, optics as one finds them, a sensor that faces its lens.
+    #[must_use]
+    pub const fn of(seed: u64, detail: Detail) -> Self {
+        Self { lasers: true, seed, optics: Optics::AsFound, detail, keystone_per_px: [0.0; 2] }
+    }
 }
 
 /// What to write.
@@ -106,7 +116,7 @@ pub fn full_frame(
     seed: u64,
     stock: &Stock,
 ) -> Vec<u8> {
-    let exposure = Exposure { lasers, seed, optics: Optics::AsFound, detail: Detail::Everywhere };
+    let exposure = Exposure { lasers, ..Exposure::of(seed, Detail::Everywhere) };
     expose_full_frame(head, scene, view, &exposure, stock)
 }
 
@@ -119,13 +129,20 @@ pub fn expose_full_frame(
     exposure: &Exposure,
     stock: &Stock,
 ) -> Vec<u8> {
-    let Exposure { lasers, seed, optics, detail } = *exposure;
+    let Exposure { lasers, seed, optics, detail, keystone_per_px } = *exposure;
     // What belongs to the view (lens, motion, balance) is the same with lasers off; noise and speckle are not.
     let mut of_view = Rng::new(seed, 0x5E45);
     let sensor = Sensor::random(&mut of_view, scene.light.noise).with_optics(optics);
     let mut of_frame = Rng::new(seed, 0xF0A0 + u64::from(lasers));
     let options = Options { lasers, speckle: true, seed: u64::from(of_frame.bits()) };
-    let stage = Stage::new(scene, view, head, Raster::full(SENSOR_PX), &stock.photos, options);
+    let stage = Stage::new(
+        scene,
+        view,
+        head,
+        Raster::full(SENSOR_PX).tilted(keystone_per_px),
+        &stock.photos,
+        options,
+    );
     let film = match detail {
         Detail::Everywhere => expose_film(&stage),
         Detail::AroundFace => expose_film_around(&stage, around_face(head, scene, view)),
@@ -236,8 +253,7 @@ pub fn render_recording(
         let mut shots = vec![(id.clone(), "on", *view)];
         shots.extend(motion.map(|m| (format!("{id}_off"), "off", m.moved(view))));
         for (name, laser, view) in shots {
-            let exposure =
-                Exposure { lasers: laser == "on", seed: frame_seed, optics: Optics::AsFound, detail };
+            let exposure = Exposure { lasers: laser == "on", ..Exposure::of(frame_seed, detail) };
             let rgb = expose_full_frame(&head, scene, &view, &exposure, stock);
             put(&format!("{name}.jpg"), jpeg(&rgb, frame_seed)?)?;
             frames.push(json!({"id": name, "file": format!("{name}.jpg"), "role": "face", "laser": laser}));

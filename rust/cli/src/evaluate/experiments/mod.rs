@@ -253,7 +253,7 @@ impl Bench {
     /// A full frame through the camera's JPEG.
     fn frame(&self, scene: &Scene, view: usize, seed: u64, subject: &Subject) -> anyhow::Result<Frame> {
         let view = &scene.views[view];
-        let exposure = Exposure { lasers: true, seed, optics: subject.optics, detail: Detail::Everywhere };
+        let exposure = Exposure { optics: subject.optics, ..Exposure::of(seed, Detail::Everywhere) };
         let rgb = expose_full_frame(&self.head, scene, view, &exposure, &self.stock);
         Ok(Frame::from_jpeg(&jpeg(&rgb, seed)?)?)
     }
