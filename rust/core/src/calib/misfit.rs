@@ -163,45 +163,48 @@ pub(super) struct Solved {
 pub(super) struct Found {
     /// The one that explains most first.
     pub misfits: Vec<Misfit>,
-    /// Camera and planes solved with these patterns; without, if one is the lens, of which a camera has no such terms.
+    /// Camera and planes solved with these patterns, but for a lens's, of which a camera has no terms.
     pub shared: Shared,
-    /// Of these; `None` if all fits.
-    pub covariance: Option<CalibrationCovariance>,
+    /// Of these; `None` if they are solved without patterns.
+    covariance: Option<CalibrationCovariance>,
+    /// How far Brown's terms would move them, if the lens does not fit: one more standard deviation.
+    pull: CalibrationStep,
 }
 
-/// The patterns in the residuals.
+impl Found {
+    /// Covariance of camera and planes, if `plain` is that of what was solved without patterns.
+    pub fn covariance(&self, plain: &CalibrationCovariance) -> CalibrationCovariance {
+        self.covariance.unwrap_or(*plain) + self.pull * self.pull.transpose()
+    }
+}
+
+/// The patterns in the residuals. A lens ends the search: its unknowns can take the place of much else.
 pub(super) fn misfits(solved: &Solved) -> Found {
     let single_px = solved.single_px();
     let mut misfits = Vec::new();
     let mut known = Wider::none(solved);
+    let mut pull = CalibrationStep::zeros();
     let all = known.square_px;
     while let Some(wider) = known.best_wider(solved, all) {
-        let size = wider.size().unwrap_or((known.square_px - wider.square_px).max(0.0).sqrt());
+        let kind = wider.patterns.last();
         misfits.push(Misfit {
-            kind: wider.patterns.last(),
-            size,
+            kind,
+            size: wider.size().unwrap_or((known.square_px - wider.square_px).max(0.0).sqrt()),
             rms_px: all.sqrt(),
             single_px,
             chi_square: wider.chi_square,
             limit: wider.limit(),
         });
+        if kind == MisfitKind::Lens {
+            let moved = known.left.with_all_lens_terms().map(|brown| brown.minus(&known.left.shared));
+            let moved = moved.unwrap_or_default();
+            pull = CalibrationStep::from_fn(|i, _| if solved.fixed.contains(i) { 0.0 } else { moved[i] });
+            break;
+        }
         known = wider;
     }
-    let told = if misfits.is_empty() { None } else { known.covariance() };
-    if known.patterns.kinds.contains(&MisfitKind::Lens) {
-        // What the lens pulls is one more standard deviation of what is solved without it: any shape, and Brown's terms, which go
-        // together with the camera's middle as a shape does not.
-        let brown = solved.with_all_lens_terms();
-        let pulls = [Some(known.left.shared), brown].into_iter().flatten().map(|other| {
-            let pull = other.minus(&solved.shared);
-            let free = |i: usize| if solved.fixed.contains(i) { 0.0 } else { pull[i] };
-            CalibrationStep::from_fn(|i, _| free(i))
-        });
-        let covariance = told.map(|told| pulls.fold(told, |sum, pull| sum + pull * pull.transpose()));
-        return Found { misfits, shared: solved.shared.clone(), covariance };
-    }
-    let shared = if told.is_some() { known.left.shared } else { solved.shared.clone() };
-    Found { misfits, shared, covariance: told }
+    let covariance = if known.patterns.kinds.is_empty() { None } else { known.covariance() };
+    Found { misfits, shared: known.left.shared, covariance, pull }
 }
 
 /// Wilson and Hilferty's quantile of chi-square.
@@ -337,9 +340,9 @@ impl Wider {
         let mut first = 0;
         for kind in &self.patterns.kinds {
             let (common, own) = self.patterns.unknowns(*kind);
-            let (columns, each) = (self.patterns.columns(*kind), common + own);
-            // Unknowns of one meaning: a lens's coefficients, one of each frame.
-            let step = if common > 0 && *kind != MisfitKind::Lens || own > 0 { each } else { 1 };
+            let columns = self.patterns.columns(*kind);
+            // Unknowns of one meaning, one of each frame.
+            let step = common + own;
             for i in 0..columns {
                 let alike = || (i % step..columns).step_by(step).map(|j| self.values[first + j].powi(2));
                 let square = alike().sum::<f64>() / alike().count() as f64;

@@ -290,7 +290,7 @@ fn wrong_set(noise: &mut Noise, kind: Option<MisfitKind>) -> WrongSet {
     for misfit in &found.misfits {
         println!("{kind:?}: {misfit}, chi^2 {:.0} over {:.0}; {size:?}", misfit.chi_square, misfit.limit);
     }
-    let covariance = found.covariance.unwrap_or_else(|| covariance(&inverse));
+    let covariance = found.covariance(&covariance(&inverse));
     let error = found.shared.minus(&head);
     WrongSet { found, size, sigmas: [0, 1, 2, 3].map(|i| error[i] / covariance[(i, i)].sqrt()) }
 }

@@ -168,7 +168,7 @@ impl CameraSolution {
         let found = misfit::misfits(&misfit::Solved { shared, frames, scatter: spread, fixed, image_px });
         Ok(CameraAlone {
             camera: found.shared.camera,
-            covariance: found.covariance.unwrap_or_else(|| covariance(&inverse)),
+            covariance: found.covariance(&covariance(&inverse)),
             centre_rms_px: [rms.x, rms.y],
             views: (0..self.views.len()).filter(|i| self.rejects[*i].is_none()).collect(),
             misfits: found.misfits,
@@ -434,7 +434,7 @@ fn summarise(
         fixed,
         image_px,
     });
-    let covariance = found.covariance.unwrap_or(covariance);
+    let covariance = found.covariance(&covariance);
     let mut frames = Vec::with_capacity(used.len());
     let mut stripe_sums = [(0.0, 0.0f64); 4];
     for (seen, view) in used.iter().zip(views) {
