@@ -71,7 +71,8 @@ Examples:
 
 Reads recording.json (frames of role board, lasers on; at least 6, tilted, from near and far) and board.json; without them all JPEGs
 of the folder, of the board that --board names. Frames that cannot be used are named with the reason. The calibration in the folder,
-if any, is not read. What does not fit is told as a warning: the lens, a bowed board, a focal length that changes.
+if any, is not read. What does not fit is told as a warning: the lens, a bowed or stretched board, a focal length that changes;
+but for the lens, the calibration is solved with it.
 Exit codes: 0 calibrated, 2 broken input or usage, 3 the frames fix no calibration.")]
     Calibrate(crate::calibrate::CalibrateArgs),
     /// Checks a calibration with one known length
