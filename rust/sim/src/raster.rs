@@ -37,8 +37,11 @@ impl Raster {
         self.keystoned(px, 1.0)
     }
 
-    /// A place d from the sensor's middle on one that faces the lens, d / (1 + t . d), for one on the tilted sensor, or with -1 back.
+    /// A place d from the middle of the tilted sensor is d / (1 + t . d) on one that faces the lens; with -1 back.
     fn keystoned(&self, px: Px, way: f64) -> Px {
+        if self.keystone_per_px == [0.0; 2] {
+            return px;
+        }
         let middle = [
             0.5 * (self.width as f64 * self.px_per_cell[0] - 1.0),
             0.5 * (self.height as f64 * self.px_per_cell[1] - 1.0),
@@ -71,5 +74,23 @@ impl Raster {
     #[must_use]
     pub fn cell_per_mm(&self, camera: &CameraModel) -> f64 {
         self.scale() / (camera.fx * camera.fy).sqrt()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tilted_raster_is_its_own_inverse_and_keeps_its_middle() {
+        let raster = Raster::full([2592, 1944]).tilted([3e-6, -1e-6]);
+        for (column, row) in [(0.0, 0.0), (2591.0, 1943.0), (1295.5, 971.5), (300.0, 1700.0)] {
+            let [c, r] = raster.from_px(raster.px(column, row));
+            assert!((c - column).abs() < 1e-9 && (r - row).abs() < 1e-9, "{c} {r}");
+        }
+        assert_eq!(raster.px(1295.5, 971.5), Px::new(1295.5, 971.5));
+        // d^2 t at the border: 1295.5^2 * 3e-6 = 5 px.
+        let off = raster.px(2591.0, 971.5).u - 2591.0;
+        assert!((off + 5.0).abs() < 0.1, "{off}");
     }
 }
