@@ -1,5 +1,8 @@
 //! The ridge maps in which stripes are looked for first, in one pass over the picture: a row of the map for each ten of the picture.
 //! A place is the sum over a strip along the diagonal, 2 x 10 px, as in [`super::redness::ridge_map`], but no pixel is in two of them.
+//!
+//! Red light cannot make red brighter than its limit: on an orange face in good light a stripe has less redness than what lies beside it, and
+//! green and blue, which see a little of the laser, carry it. There the ridge of green and blue counts if it is the stronger one.
 
 use super::Frame;
 use super::redness::{ACROSS, ALONG, BLOCK, Diagonal, Gain, Layout, RidgeMap, compare};
@@ -8,6 +11,50 @@ use super::redness::{ACROSS, ALONG, BLOCK, Diagonal, Gain, Layout, RidgeMap, com
 const BANDS: usize = BLOCK / ALONG;
 /// Rows of the picture in a band.
 const ROWS: usize = 2 * ALONG;
+
+/// A place is at red's limit if its mean red is at least this, grey levels: noise and JPEG leave so much below 255.
+const LIMIT: i16 = 245;
+/// ... and its colour is not near white, 2 R - G - B in grey levels: light only print or a label has, which the laser does not make.
+const COLOURED: i16 = 60;
+/// Pixels of a place.
+const PIXELS: i16 = 2 * ROWS as i16;
+
+/// What is summed up at the places of one direction: rows of a block.
+struct Block {
+    ridge: Vec<i16>,
+    slope: Vec<i16>,
+}
+
+impl Block {
+    fn new(width: usize) -> Self {
+        Self { ridge: vec![0; width * BANDS], slope: vec![0; width * BANDS] }
+    }
+
+    fn compare(&mut self, sum: &[i16], row: std::ops::Range<usize>) {
+        compare(sum, &mut self.ridge[row.clone()], Some(&mut self.slope[row]));
+    }
+
+    /// The gain of some columns of these rows.
+    fn gain(
+        &self,
+        rows: impl Iterator<Item = usize>,
+        columns: &std::ops::Range<usize>,
+        sample: &mut Vec<i16>,
+    ) -> Gain {
+        sample.clear();
+        rows.for_each(|row| sample.extend(&self.slope[row..][columns.clone()]));
+        Gain::new(sample)
+    }
+}
+
+/// One direction.
+struct Direction {
+    redness: Block,
+    /// Of green and blue.
+    rest: Block,
+    /// Places of a row where these count.
+    at_limit: Vec<Vec<usize>>,
+}
 
 /// The maps of both directions.
 pub(crate) fn band_maps(frame: &Frame, diagonals: [Diagonal; 2]) -> [RidgeMap; 2] {
@@ -22,35 +69,60 @@ pub(crate) fn band_maps(frame: &Frame, diagonals: [Diagonal; 2]) -> [RidgeMap; 2
         return maps;
     }
     let mut colours = vec![0u16; (width - ALONG + 1) * 6];
-    let mut sum = vec![0i16; width];
-    let mut ridges = [(); 2].map(|()| vec![0i16; width * BANDS]);
-    let mut slopes = [(); 2].map(|()| vec![0i16; width * BANDS]);
+    let (mut sum, mut rest) = (vec![0i16; width], vec![0i16; width]);
+    let mut steps = vec![0i8; width];
+    let mut blocks = diagonals.map(|_| Direction {
+        redness: Block::new(width),
+        rest: Block::new(width),
+        at_limit: vec![Vec::new(); BANDS],
+    });
     let mut sample = Vec::with_capacity(BLOCK * BANDS);
     for block_top in (0..height).step_by(BANDS) {
         let bands = BANDS.min(height - block_top);
         for band in 0..bands {
             let row = band * width..(band + 1) * width;
-            for ((diagonal, ridge), slope) in diagonals.iter().zip(&mut ridges).zip(&mut slopes) {
+            for (diagonal, block) in diagonals.iter().zip(&mut blocks) {
                 add_colours(&mut colours, frame, block_top + band, *diagonal);
-                for (sum, c) in sum[ALONG / 2..].iter_mut().zip(colours.chunks_exact(6)) {
+                let to = sum[ALONG / 2..].iter_mut().zip(&mut rest[ALONG / 2..]);
+                for ((sum, rest), c) in to.zip(colours.chunks_exact(6)) {
                     // Sums of ten bytes: nothing wraps.
                     let [a, b, c, d, e, f] = [c[0], c[1], c[2], c[3], c[4], c[5]];
                     let red = a.wrapping_add(d).wrapping_mul(2);
-                    *sum = red.wrapping_sub(b).wrapping_sub(c).wrapping_sub(e).wrapping_sub(f) as i16;
+                    let others = b.wrapping_add(c).wrapping_add(e).wrapping_add(f);
+                    *sum = red.wrapping_sub(others) as i16;
+                    *rest = others as i16;
                 }
-                compare(&sum, &mut ridge[row.clone()], Some(&mut slope[row.clone()]));
+                block.redness.compare(&sum, row.clone());
+                // 2 R is what both add up to.
+                let limited = |(sum, rest): (&i16, &i16)| {
+                    *sum >= COLOURED * PIXELS && sum.wrapping_add(*rest) >= 2 * LIMIT * PIXELS
+                };
+                let at_limit = &mut block.at_limit[band];
+                at_limit.clear();
+                at_limit.extend((0..width).filter(|x| limited((&sum[*x], &rest[*x]))));
+                if !at_limit.is_empty() {
+                    block.rest.compare(&rest, row.clone());
+                }
             }
         }
-        for ((map, ridge), slope) in maps.iter_mut().zip(&ridges).zip(&slopes) {
+        for (map, block) in maps.iter_mut().zip(&blocks) {
             for left in (0..width).step_by(BLOCK) {
                 let columns = left..(left + BLOCK).min(width);
-                let rows = || (0..bands).map(|band| band * width);
-                sample.clear();
-                rows().for_each(|row| sample.extend(&slope[row..row + width][columns.clone()]));
-                let gain = Gain::new(&sample);
-                for row in rows() {
-                    let to = &mut map.z[block_top * width + row..][..width];
-                    gain.steps(&ridge[row..row + width][columns.clone()], &mut to[columns.clone()]);
+                let gain = block.redness.gain((0..bands).map(|band| band * width), &columns, &mut sample);
+                let in_block = |x: &usize| columns.contains(x);
+                let limited = |band: &usize| block.at_limit[*band].iter().any(in_block);
+                let limited: Vec<usize> = (0..bands).filter(limited).map(|band| band * width).collect();
+                let rest = (!limited.is_empty())
+                    .then(|| block.rest.gain(limited.iter().copied(), &columns, &mut sample));
+                for band in 0..bands {
+                    let row = band * width;
+                    let to = &mut map.z[(block_top + band) * width..][..width];
+                    gain.steps(&block.redness.ridge[row..][columns.clone()], &mut to[columns.clone()]);
+                    let Some(gain) = rest.as_ref().filter(|_| limited.contains(&row)) else { continue };
+                    gain.steps(&block.rest.ridge[row..][columns.clone()], &mut steps[columns.clone()]);
+                    for x in block.at_limit[band].iter().copied().filter(in_block) {
+                        to[x] = to[x].max(steps[x]);
+                    }
                 }
             }
         }
@@ -145,6 +217,35 @@ mod tests {
             assert!(off < 0.2, "{diagonal:?}: {off} sigmas apart");
             assert!(strong > bands.height, "{diagonal:?}: the stripe has {strong} places");
         }
+    }
+
+    /// A stripe on orange board in good light: red is at its limit, so that there is less redness in the stripe than beside it.
+    #[test]
+    fn a_stripe_on_orange_is_a_ridge_and_a_white_line_on_brown_is_none() {
+        let strength = |board: [u8; 3], line: [u8; 3]| {
+            let (width, rows) = (640, 500);
+            let mut rgb = Vec::with_capacity(width * rows * 3);
+            for y in 0..rows {
+                for x in 0..width {
+                    rgb.extend(if x.abs_diff(y + 60) <= 6 { line } else { board });
+                }
+            }
+            let frame = Frame::from_rgb(width, rows, rgb).expect("the size fits");
+            let [map, _] = band_maps(&frame, [Diagonal::Down, Diagonal::Up]);
+            let along = (150..350).step_by(10).map(|v| {
+                let place = map.layout().columns[0] * (v + 60) as f32
+                    + map.layout().columns[1] * v as f32
+                    + map.layout().first;
+                let band = v / ROWS;
+                let column = place as isize + map.layout().lean as isize * band as isize;
+                f32::from(map.steps()[band * map.width + column as usize]) / Z_STEPS
+            });
+            along.sum::<f32>() / 20.0
+        };
+        let on_orange = strength([222, 115, 45], [255, 194, 119]);
+        assert!(on_orange > 2.0, "{on_orange}");
+        let white_on_brown = strength([190, 140, 95], [250, 250, 248]);
+        assert!(white_on_brown < 0.0, "{white_on_brown}");
     }
 
     #[test]

@@ -32,9 +32,9 @@ pub(crate) struct Pair {
 const SAME_PX: f64 = 10.0;
 /// That the likeliest line of a side is right, as a logistic function: a constant, and the weights of the logarithms of the odds that
 /// two judges give it who do not know each other, all evidence but the network of sides and that network, and of a pixel's size on the
-/// face, mm. Each is too sure of itself where it errs, and lines so many px apart are farther apart on a far face; fitted to 2,168 sides
-/// of rendered boxes of the learning and the choosing seeds (`training/weights.py`).
-const SURE: [f64; 4] = [0.03, 0.45, 0.98, -0.84];
+/// face, mm. Each is too sure of itself where it errs, and lines so many px apart are farther apart on a far face; fitted to 2,936 sides
+/// of rendered boxes of the learning and the choosing seeds, right where the measured side is within 5 mm (`training/weights.py`).
+const SURE: [f64; 4] = [0.63, 0.37, 0.91, -1.15];
 /// ... but no more than this where the two favour different lines of a side: of 49 such sides 8 are wrong, however sure either is.
 const DISAGREE: f64 = 0.84;
 /// Odds of both count up to these: of sides that the first calls surer than that, one in some hundred is wrong all the same.
