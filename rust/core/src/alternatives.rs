@@ -45,6 +45,8 @@ impl Seen {
     /// The face alone.
     pub fn face(&self) -> Result<&FaceMeasurement, Reject> {
         match (&self.unsure, self.alternatives.first().map(|a| &a.face)) {
+            // Who goes nearer sees more clearly as well.
+            (_, Some(Err(reject @ Reject::TooFar { .. }))) => Err(reject.clone()),
             (Some(reject), _) | (None, Some(Err(reject))) => Err(reject.clone()),
             (None, Some(Ok(face))) => Ok(face),
             (None, None) => Err(Reject::RectangleOpen { sides_found: 0 }),
@@ -347,6 +349,17 @@ mod tests {
                 assert!(half.iter().zip(want).all(|(p, want)| (p - want).abs() < 1e-9), "{half:?} {want:?}");
             }
         }
+    }
+
+    #[test]
+    fn a_face_that_is_too_far_is_not_called_unsure() {
+        let unsure = Reject::RectangleOpen { sides_found: 3 };
+        let too_far = Reject::TooFar { distance_mm: 2700.0, limit_mm: 2500.0 };
+        let mut face = seen(vec![tried([0, 0], [0.9, 0.9], 900.0, 600.0)]);
+        face.unsure = Some(unsure.clone());
+        assert_eq!(face.face().unwrap_err().reason(), unsure.reason());
+        face.alternatives[0].face = Err(too_far.clone());
+        assert_eq!(face.face().unwrap_err().reason(), too_far.reason());
     }
 
     /// Sides of two faces that share one, as text; of three faces, each pair shares one.
