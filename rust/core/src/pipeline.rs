@@ -436,7 +436,12 @@ fn measure_outline(
     check_stripes(&face, limits.is_some())?;
     let rough = snap_to_image(frame, calibration, &face, outline);
     clock.lap("sides");
-    measure_rough(task, &face, &rough?, clock)
+    let rough = rough?;
+    // All stripes go on in the plane beyond all sides: a tile of a floor, a panel of a wall, a field of print.
+    if !rough.at_ends.contains(&true) {
+        return Err(Reject::RectangleOpen { sides_found: 0 });
+    }
+    measure_rough(task, &face, &rough, clock)
 }
 
 /// Finds the edges beside a rough rectangle and fits it.
