@@ -14,7 +14,7 @@ pub const PAPER_PARAMETERS: usize = 18;
 /// First parameter of the planes.
 pub(crate) const PLANES: usize = 6;
 /// The camera's parameters.
-pub(crate) const CAMERA: [usize; 9] = [0, 1, 2, 3, 4, 5, 18, 19, 20];
+pub const CAMERA: [usize; 9] = [0, 1, 2, 3, 4, 5, 18, 19, 20];
 
 /// Covariance of a calibration's parameters. Terms that the lens has not are known to be 0: no variance.
 pub type CalibrationCovariance = SMatrix<f64, PARAMETERS, PARAMETERS>;

@@ -19,6 +19,7 @@ import numpy as np
 import torch
 
 RIGHT_PX = 10.0  # a line within so many px of the true side, or inside it by the edge's radius, is the right one
+RIGHT_MM = 5.0  # a side that is measured farther off is wrong
 LEAST_SEEN = 1e-3  # as in line_evidence.rs
 MOST_ODDS = (150.0, 1e4)  # as in rivals.rs
 SAME_PX = 10.0  # lines that are taken together, as in rivals.rs
@@ -30,7 +31,7 @@ def read(path: Path) -> dict:
     with open(path, newline="") as file:
         for row in csv.DictReader(file):
             if row["refuse"] == "0":
-                sides[row["recording"], row["frame"], int(row["side"])].append({k: float(row[k]) for k in ("off_px", "mm_per_px", "radius_mm", "told", "seen", "known", "hidden")})
+                sides[row["recording"], row["frame"], int(row["side"])].append({k: float(row[k]) for k in ("off_px", "mm_per_px", "radius_mm", "told", "seen", "known", "hidden", "measured_off_mm")})
     return sides
 
 
@@ -62,7 +63,7 @@ def fit(sides: dict, used: list[int]) -> torch.Tensor:
 
 def sure(sides: dict, w: torch.Tensor) -> torch.Tensor:
     """SURE of rivals.rs: that a side's likeliest line is right, from its odds by all but the network of sides and by that network, and a
-    pixel's size."""
+    pixel's size. It is, too, where the side was measured within RIGHT_MM, or would be."""
     x, y = [], []
     for lines in sides.values():
         mm_per_px, radius_mm = lines[0]["mm_per_px"], lines[0]["radius_mm"]
@@ -73,7 +74,10 @@ def sure(sides: dict, w: torch.Tensor) -> torch.Tensor:
         near = np.abs(off_mm - off_mm[best]) <= SAME_PX * mm_per_px
         odds = [float(np.clip(v / max(1 - v, 1e-12), 1 / most, most)) for v, most in zip((p[near].sum(), lines[best]["seen"]), MOST_ODDS)]
         x.append([1, *np.log(odds), np.log(mm_per_px)])
-        y.append(float(-(RIGHT_PX * mm_per_px + radius_mm) <= off_mm[best] <= RIGHT_PX * mm_per_px))
+        within = lambda limit_mm: -(limit_mm + radius_mm) <= off_mm[best] <= limit_mm
+        measured_off_mm = lines[best]["measured_off_mm"]
+        near_enough = within(RIGHT_MM) if np.isnan(measured_off_mm) else abs(measured_off_mm) <= RIGHT_MM
+        y.append(float(within(RIGHT_PX * mm_per_px) or near_enough))
     x, y = torch.tensor(np.array(x)), torch.tensor(y, dtype=torch.float64)
     weights = torch.zeros(4, dtype=torch.float64, requires_grad=True)
     optimiser = torch.optim.LBFGS([weights], max_iter=100)

@@ -5,9 +5,10 @@
 //!
 //! One line a head is kept in the file: called again, it goes on with what is not there yet.
 
-use boxline::calib::uncertainty::{SideSeen, side_sigma_mm, usual_distance_mm};
+use boxline::calib::uncertainty::{CalibrationStep, SideSeen, moved, side_sigma_mm, usual_distance_mm};
 use boxline::calib::{Board, CalibrationSettings, CalibrationSolution, find_board, solve_all, solve_camera};
-use boxline::frames::{Cam, Ray};
+use boxline::calibration::CAMERA;
+use boxline::frames::{Cam, Plane, Ray};
 use boxline::{CameraModel, Frame, Px};
 use boxline_sim::board::Faults;
 use boxline_sim::head::{HeadKind, SENSOR_PX};
@@ -142,7 +143,8 @@ fn head(args: &Args, seed: u64) -> Result<Value> {
     let raster = Raster::full(SENSOR_PX).tilted(faults.keystone_per_px(&head));
     let seen_at =
         |ray: &Ray<Cam>| camera.px_from_ray(ray).map(|px| raster.from_px(px)).map(|[u, v]| Px::new(u, v));
-    let (best, turn, rest_px) = nearest(&camera, seen_at).ok_or("no camera is near the tilted one")?;
+    let (best, turn, rest_px) =
+        nearest(&camera, &lasers, seen_at).ok_or("no camera is near the tilted one")?;
     let planes = lasers.map(|plane| turn.inverse() * plane.per_mm);
 
     let covariance = &solution.covariance;
@@ -212,23 +214,15 @@ const STEPS: usize = 8;
 /// behind a lens that looks elsewhere. Camera, old frame of reference from new, and what is left, px rms.
 fn nearest(
     start: &CameraModel,
+    lasers: &[Plane<Cam>; 4],
     seen_at: impl Fn(&Ray<Cam>) -> Option<Px>,
 ) -> Option<(CameraModel, Rotation3<f64>, f64)> {
     let moved = |x: &DVector<f64>| {
-        let c = start;
-        let camera = CameraModel {
-            fx: c.fx + x[0],
-            fy: c.fy + x[1],
-            cx: c.cx + x[2],
-            cy: c.cy + x[3],
-            k1: c.k1 + x[4],
-            k2: c.k2 + x[5],
-            p1: c.p1 + x[6],
-            p2: c.p2 + x[7],
-            k3: c.k3 + x[8],
-            ..*c
-        };
-        (camera, Rotation3::new(Vector3::new(x[9], x[10], x[11])))
+        let mut step = CalibrationStep::zeros();
+        for (k, index) in CAMERA.into_iter().enumerate() {
+            step[index] = x[k];
+        }
+        (moved(start, lasers, &step).0, Rotation3::new(Vector3::new(x[9], x[10], x[11])))
     };
     let places: Vec<(Ray<Cam>, Px)> = (0..20 * 15)
         .filter_map(|i| {

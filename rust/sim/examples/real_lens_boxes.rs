@@ -8,7 +8,7 @@ use boxline::{Calibration, CameraModel, EdgeMethod, Frame, Outcome, Settings, me
 use boxline_sim::board::{Faults, render_board};
 use boxline_sim::recording::{Detail, Exposure, expose_full_frame, jpeg};
 use boxline_sim::rng::Rng;
-use boxline_sim::world::twin::{Aim, Finish, Order, twin};
+use boxline_sim::world::twin::{Aim, BOXES_MM, Finish, Order, twin};
 use boxline_sim::{Head, Split, Stock};
 use clap::Parser;
 
@@ -32,15 +32,6 @@ struct Args {
 }
 
 const BOARD: Board = Board { columns: 12, rows: 11, pitch_mm: 100.0, diameter_mm: 50.0 };
-/// b01 to b06, mm, as they stand: the front's width, depth, height. Front and right side are looked at.
-const BOXES_MM: [[f64; 3]; 6] = [
-    [143.4, 100.0, 120.5],
-    [550.6, 350.5, 300.0],
-    [800.0, 600.0, 500.0],
-    [1200.0, 700.0, 900.0],
-    [1500.0, 570.5, 690.7],
-    [1800.0, 400.0, 900.0],
-];
 const FRONT: usize = 3;
 const RIGHT: usize = 0;
 const MOST_DEG: f64 = 25.0;
@@ -61,11 +52,12 @@ fn main() -> Result<()> {
         let ideal = Head::of(head.calibration.serial(), camera, [0, 1, 2, 3].map(|i| head.plane(i)))?;
         let ideal = Head { beams: head.beams, ..ideal };
         let estimated = calibrate(&head, seed, &args, &stock)?;
-        for (n, size_mm) in BOXES_MM.into_iter().enumerate() {
+        // Front (length x width) and right side (height x width) are looked at.
+        for (n, [length, width, height]) in BOXES_MM.into_iter().enumerate() {
             let frames = |head: &Head| -> Result<Option<Vec<Frame>>> {
                 let rng = &mut Rng::new(seed * 100 + n as u64, 3);
                 let order = Order {
-                    size_mm: size_mm.into(),
+                    size_mm: [length, height, width].into(),
                     bulge_mm: 0.0,
                     finish: Finish::Matt,
                     column_mm: None,
@@ -85,7 +77,7 @@ fn main() -> Result<()> {
                 };
                 scene.views.iter().enumerate().map(shot).collect::<Result<_>>().map(Some)
             };
-            let mut truth = size_mm;
+            let mut truth = [length, width, height];
             truth.sort_by(|a, b| b.total_cmp(a));
             let (plain, real) = (frames(&ideal)?, frames(&head)?);
             let found = [

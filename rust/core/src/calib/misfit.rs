@@ -186,7 +186,7 @@ pub(super) fn misfits(solved: &Solved) -> Found {
     let mut pull = CalibrationStep::zeros();
     let all = known.square_px;
     while let Some(wider) = known.best_wider(solved, all) {
-        let kind = wider.patterns.last();
+        let Some(kind) = wider.patterns.last() else { break };
         misfits.push(Misfit {
             kind,
             size: wider.size().unwrap_or((known.square_px - wider.square_px).max(0.0).sqrt()),
@@ -237,8 +237,8 @@ impl Patterns {
         self.kinds.iter().map(|kind| self.columns(*kind)).sum()
     }
 
-    fn last(&self) -> MisfitKind {
-        *self.kinds.last().expect("only a set with patterns is asked")
+    fn last(&self) -> Option<MisfitKind> {
+        self.kinds.last().copied()
     }
 
     fn with(&self, kind: MisfitKind) -> Self {
@@ -309,7 +309,7 @@ impl Wider {
 
     /// Twice the logarithm of how many ways there are to choose the frames' signs. All the other way round is the same.
     fn price_of_signs(&self) -> f64 {
-        let stretched = self.patterns.last() == MisfitKind::BoardStretched;
+        let stretched = self.patterns.last() == Some(MisfitKind::BoardStretched);
         let free = if stretched { self.patterns.frames - 1 } else { 0 };
         2.0 * std::f64::consts::LN_2 * free as f64
     }
@@ -381,7 +381,7 @@ impl Wider {
 
     /// The size of the last pattern from its unknowns; of a lens it is told by the residuals.
     fn size(&self) -> Option<f64> {
-        let kind = self.patterns.last();
+        let kind = self.patterns.last()?;
         let values =
             self.values.rows(self.values.len() - self.patterns.columns(kind), self.patterns.columns(kind));
         // Variance of what each frame has for itself, beyond what noise gives it.

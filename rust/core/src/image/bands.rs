@@ -109,17 +109,26 @@ pub(crate) fn band_maps(frame: &Frame, diagonals: [Diagonal; 2]) -> [RidgeMap; 2
             for left in (0..width).step_by(BLOCK) {
                 let columns = left..(left + BLOCK).min(width);
                 let gain = block.redness.gain((0..bands).map(|band| band * width), &columns, &mut sample);
+                for band in 0..bands {
+                    let to = &mut map.z[(block_top + band) * width..][..width];
+                    gain.steps(
+                        &block.redness.ridge[band * width..][columns.clone()],
+                        &mut to[columns.clone()],
+                    );
+                }
                 let in_block = |x: &usize| columns.contains(x);
                 let limited = |band: &usize| block.at_limit[*band].iter().any(in_block);
-                let limited: Vec<usize> = (0..bands).filter(limited).map(|band| band * width).collect();
-                let rest = (!limited.is_empty())
-                    .then(|| block.rest.gain(limited.iter().copied(), &columns, &mut sample));
-                for band in 0..bands {
-                    let row = band * width;
+                let limited: Vec<usize> = (0..bands).filter(limited).collect();
+                if limited.is_empty() {
+                    continue;
+                }
+                let gain = block.rest.gain(limited.iter().map(|band| band * width), &columns, &mut sample);
+                for band in limited {
                     let to = &mut map.z[(block_top + band) * width..][..width];
-                    gain.steps(&block.redness.ridge[row..][columns.clone()], &mut to[columns.clone()]);
-                    let Some(gain) = rest.as_ref().filter(|_| limited.contains(&row)) else { continue };
-                    gain.steps(&block.rest.ridge[row..][columns.clone()], &mut steps[columns.clone()]);
+                    gain.steps(
+                        &block.rest.ridge[band * width..][columns.clone()],
+                        &mut steps[columns.clone()],
+                    );
                     for x in block.at_limit[band].iter().copied().filter(in_block) {
                         to[x] = to[x].max(steps[x]);
                     }

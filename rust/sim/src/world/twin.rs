@@ -16,6 +16,16 @@ use crate::stock::Stock;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use std::collections::BTreeSet;
 
+/// The paper's boxes (Tables 4 and 5), from the smallest to the largest: length, width, height, mm; those of the recordings b01 to b06.
+pub const BOXES_MM: [[f64; 3]; 6] = [
+    [143.4, 120.5, 100.0],
+    [550.6, 350.5, 300.0],
+    [800.0, 600.0, 500.0],
+    [1200.0, 900.0, 700.0],
+    [1500.0, 690.7, 570.5],
+    [1800.0, 900.0, 400.0],
+];
+
 /// What the faces of a box are like.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Finish {

@@ -4,7 +4,7 @@
 use anyhow::Context;
 use boxline_sim::pose::place_seen_from;
 use boxline_sim::render::sensor::Optics;
-use boxline_sim::world::twin::{Aim, Finish, Order, twin};
+use boxline_sim::world::twin::{Aim, BOXES_MM, Finish, Order, twin};
 use boxline_sim::world::{Scene, View};
 use boxline_sim::{Head, Rng, Stock};
 use nalgebra::Vector3;
@@ -29,15 +29,7 @@ const ROLL_DEG: f64 = 45.0;
 /// How deep that box is, and how high it stands: it is seen from 60 degrees below. mm.
 const DEPTH_MM: f64 = 500.0;
 const COLUMN_MM: f64 = 1000.0;
-/// Tables 4 and 5: six boxes from the smallest to the largest, those of the recordings b01 to b06; three of them in Table 4.
-const BOXES_MM: [[f64; 3]; 6] = [
-    [143.4, 120.5, 100.0],
-    [550.6, 350.5, 300.0],
-    [800.0, 600.0, 500.0],
-    [1200.0, 900.0, 700.0],
-    [1500.0, 690.7, 570.5],
-    [1800.0, 900.0, 400.0],
-];
+/// Those of [`BOXES_MM`] that Table 4 has.
 const OF_TABLE_4: [usize; 3] = [0, 2, 5];
 /// Section 4.4: one box, its optics, its surfaces, and outward bulges (negative: dents) of its faces, mm.
 pub const BOX_MM: [f64; 3] = [600.0, 400.0, 300.0];
