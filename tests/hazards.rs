@@ -1,17 +1,16 @@
 //! Frames that show what the recorded boxes do not: stripes on real photographs, objects in front of a face, print and tape, oblique
-//! views. Measured where the folder beside this repository is. No result may be wrong; those that are today are listed with their
-//! reason. A result that is missing in a list is a new failure; one that does not occur any more is to be taken out.
+//! views. Measured where the folder beside this repository is. No result may be wrong.
 #![allow(clippy::unwrap_used)] // the helpers of tests are tests
 
-use boxline::{FaceOutcome, Network, Outcome, Settings, measure_box, measure_face};
+use boxline::frames::{Cam, Plane};
+use boxline::{
+    Calibration, FaceOutcome, Frame, Network, Outcome, Px, Reject, Settings, measure_box, measure_face,
+};
 use boxline_edgenet::{EdgeNet, Options};
 use boxline_proto::json::{Laser, Role, is_wrong_box};
 use boxline_tests::Recorded;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
-
-/// An object hides a part of the face, and the network of sides does not see it.
-const OCCLUDED: [&str; 1] = ["occluded o01"];
 
 /// A folder of recordings beside this repository.
 fn shared(name: &str) -> Option<PathBuf> {
@@ -70,7 +69,7 @@ fn real_photographs() {
 #[test]
 fn faces_with_an_object_in_front() {
     let Some(folder) = shared("recordings/occluded") else { return };
-    assert_eq!(wrong_faces(&[Recorded::read_from(&folder)]), OCCLUDED);
+    assert_eq!(wrong_faces(&[Recorded::read_from(&folder)]), [""; 0]);
 }
 
 #[test]
@@ -92,4 +91,51 @@ fn one_colour_print_and_tape() {
             assert!(!is_wrong_box(found, recorded.truth.box_mm.unwrap()), "{name}: {found:?}");
         }
     }
+}
+
+/// Tiles of a floor 0.7 m in front of the head: light board between dark seams, with stripes that go on over all of it. `lit_mm` is how far
+/// from the middle of a tile they do.
+fn tiles(calibration: &Calibration, half_mm: f64, lit_mm: f64) -> Frame {
+    let floor: Plane<Cam> = Plane::new([0.1, -0.05, 1.0].map(|x| x / 700.0).into());
+    let [width, height] = [calibration.width_px() as usize, calibration.height_px() as usize];
+    let mut rgb = Vec::with_capacity(3 * width * height);
+    for v in 0..height {
+        for u in 0..width {
+            let (ray, jacobian) = calibration.camera().ray_from_px_with_jacobian(Px::new(u as f64, v as f64));
+            let at = floor.intersect(&ray).unwrap().mm;
+            let diagonal = [(at.x + at.y) / 2f64.sqrt(), (at.x - at.y) / 2f64.sqrt()];
+            let tile = diagonal.map(|x| ((x + half_mm) / (2.0 * half_mm)).floor());
+            let from_seam =
+                diagonal.map(|x| half_mm - ((x + half_mm).rem_euclid(2.0 * half_mm) - half_mm).abs());
+            let shade = (tile[0] * 5.0 + tile[1] * 3.0).rem_euclid(4.0) * 12.0;
+            let grain = (u * 7919 + v * 104_729) % 11;
+            let seam = from_seam[0].min(from_seam[1]) < 1.5;
+            let grey = if seam { 45.0 } else { 130.0 + shade } + grain as f64;
+            let mut light = 0.0;
+            if diagonal.iter().all(|x| x.abs() < lit_mm) {
+                for laser in calibration.lasers() {
+                    let line = floor.per_mm - laser.per_mm;
+                    let off_px = line.dot(&ray.xy1) / (jacobian.transpose() * line.xy()).norm();
+                    light += 150.0 * (-0.5 * (off_px / 2.8).powi(2)).exp();
+                }
+            }
+            rgb.extend([grey + light, grey + 0.2 * light, grey + 0.2 * light].map(|x| x.min(255.0) as u8));
+        }
+    }
+    Frame::from_rgb(width, height, rgb).unwrap()
+}
+
+#[test]
+fn a_tile_of_a_floor_is_no_face() {
+    let calibration = Recorded::read("b02").calibration;
+    let network = network();
+    let network: Option<&dyn Network> = Some(&network);
+    let settings = Settings { network, least_confidence: 0.0, ..Settings::default() };
+    let measure = |lit_mm| {
+        measure_face(&tiles(&calibration, 150.0, lit_mm), &calibration, &settings, &mut Vec::new()).unwrap()
+    };
+    // The same tile as the face of a box, beside which the light falls elsewhere, can be measured.
+    assert!(matches!(measure(150.0), FaceOutcome::Measured(_)), "{:?}", measure(150.0));
+    let refused = measure(f64::INFINITY);
+    assert!(matches!(refused, FaceOutcome::Rejected(Reject::RectangleOpen { .. })), "{refused:?}");
 }

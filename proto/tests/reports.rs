@@ -73,6 +73,16 @@ fn hints() -> Vec<Option<Hint>> {
     vec![None, Some(Hint { moves: vec![Move::RollClockwise(0.2), Move::Closer(Some(200.0))] })]
 }
 
+fn hidden(in_front_mm: Option<f64>) -> Reject {
+    Reject::FaceHidden {
+        sides_hidden: 1,
+        at: Px::new(900.5, 20.0),
+        probability: 0.9,
+        limit: 0.5,
+        in_front_mm,
+    }
+}
+
 fn every_reject() -> Vec<Reject> {
     let laser = LaserId::new(3).unwrap();
     vec![
@@ -83,7 +93,8 @@ fn every_reject() -> Vec<Reject> {
         Reject::FaceNotPlanar { rms_px: 3.0, limit_px: 2.0 },
         Reject::RectangleOpen { sides_found: 3 },
         Reject::OutlineUnsure { support: 0.3, needed_support: 0.4, overlap: 0.7, needed_overlap: 0.8 },
-        Reject::FaceHidden { sides_hidden: 1, at: Px::new(900.5, 20.0), probability: 0.9, limit: 0.5 },
+        hidden(None),
+        hidden(Some(160.0)),
         Reject::TooFar { distance_mm: 3300.0, limit_mm: 2500.0 },
         Reject::NotARectangle { rms_px: 3.0, limit_px: 2.0 },
         Reject::SidesDisagree {

@@ -289,6 +289,7 @@ fn reject(message: v1::Reject) -> Result<Reject, Error> {
             at: Px::new(number("at_u_px")?, number("at_v_px")?),
             probability: number("probability")?,
             limit: number("limit")?,
+            in_front_mm: number("in_front_mm").ok(),
         },
         "too_far" => Reject::TooFar { distance_mm: number("distance_mm")?, limit_mm: number("limit_mm")? },
         "not_a_rectangle" => {

@@ -32,6 +32,7 @@ pub mod pipeline;
 pub mod points;
 mod rectangle;
 pub mod reject;
+mod scene;
 pub mod sides;
 mod stripe;
 pub mod units;

@@ -64,12 +64,14 @@ pub enum Reject {
     FaceHidden {
         /// Sides of which a piece is hidden.
         sides_hidden: u8,
-        /// The middle of the one that is hidden most surely.
+        /// Where a stripe of the side that is hidden most surely meets it; where none does, that side's middle.
         at: Px,
         /// Probability that something hides it, 0 to 1.
         probability: f64,
         /// The probability from which a face is refused for it.
         limit: f64,
+        /// How far in front of the face it is where both stripes of that side meet it, mm.
+        in_front_mm: Option<f64>,
     },
     /// The face is seen from farther away than the head is made for, and could be measured from nearer.
     TooFar {
@@ -142,13 +144,17 @@ impl Reject {
                 ("overlap", overlap),
                 ("needed_overlap", needed_overlap),
             ],
-            Self::FaceHidden { sides_hidden, at, probability, limit } => vec![
-                ("sides_hidden", f64::from(sides_hidden)),
-                ("at_u_px", at.u),
-                ("at_v_px", at.v),
-                ("probability", probability),
-                ("limit", limit),
-            ],
+            Self::FaceHidden { sides_hidden, at, probability, limit, in_front_mm } => {
+                let mut numbers = vec![
+                    ("sides_hidden", f64::from(sides_hidden)),
+                    ("at_u_px", at.u),
+                    ("at_v_px", at.v),
+                    ("probability", probability),
+                    ("limit", limit),
+                ];
+                numbers.extend(in_front_mm.map(|mm| ("in_front_mm", mm)));
+                numbers
+            }
             Self::TooFar { distance_mm, limit_mm } => {
                 vec![("distance_mm", distance_mm), ("limit_mm", limit_mm)]
             }
@@ -199,12 +205,15 @@ impl fmt::Display for Reject {
                 "the face's outline is not clear: right with a probability of {support:.2}, needed {needed_support:.2}; \
                  overlap with the face {overlap:.2}, needed {needed_overlap:.2}"
             ),
-            Self::FaceHidden { sides_hidden, at, probability, limit } => write!(
-                f,
-                "something in front of the face hides {sides_hidden} side(s), first at ({:.0}, {:.0}) px: \
-                 probability {probability:.2}, allowed {limit:.2}",
-                at.u, at.v
-            ),
+            Self::FaceHidden { sides_hidden, at, probability, limit, in_front_mm } => {
+                let far = in_front_mm.map_or_else(String::new, |mm| format!("{mm:.0} mm "));
+                write!(
+                    f,
+                    "something {far}in front of the face hides {sides_hidden} side(s), first at ({:.0}, {:.0}) px: \
+                     probability {probability:.2}, allowed {limit:.2}",
+                    at.u, at.v
+                )
+            }
             Self::TooFar { distance_mm, limit_mm } => write!(
                 f,
                 "the face is {:.2} m away and can be measured from {:.2} m",

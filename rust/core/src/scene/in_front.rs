@@ -1,0 +1,354 @@
+//! Something that stands in front of a face and hides a piece of it, told by the lasers alone.
+//!
+//! Where a stripe meets such an object its light jumps, at once and by far, to where a nearer surface shows it. If it does so at the very
+//! line that is taken for a side of the face, the object's edge may have been taken for it. Light whose run leads back to the stripe lies
+//! on the floor or the wall that the box stands at; a single jump may be another laser's light on what is far behind; and a neighbour that
+//! protrudes shows the foot of its wall at the line, its edge farther out. So both stripes must jump at the line, to one height, with the
+//! foot below that edge elsewhere.
+
+use crate::calibration::Calibration;
+use crate::edges::linear_light;
+use crate::face::outline::{SIDES, outward_sign};
+use crate::face::raster::PlaneRaster;
+use crate::frames::{Plane, Point};
+use crate::image::Frame;
+use crate::rectangle::key_points::crossing_on;
+use crate::stripe::trace::{StripeLine, Walk};
+use crate::units::{LaserId, Px};
+
+/// Light is looked for from so far inside a side's line to so far beyond it, rows (or columns) along the stripe ...
+const INSIDE: i32 = 160;
+const BEYOND: i32 = 220;
+/// ... and up to so far from the stripe, px along a row: 240 mm of height at 0.7 m, 700 mm at 1.2 m.
+const REACH: i32 = 170;
+/// Half width of a stripe's middle, and where its surroundings begin and how wide they are: half widths of its foot (bounds in px), and px.
+const MIDDLE: (f64, f64, f64) = (0.3, 1.0, 5.0);
+const BESIDE: (f64, f64, f64) = (1.0, 4.0, 20.0);
+const BESIDE_PX: i32 = 5;
+/// Least scatter of light in a row, share of full scale: a step of a byte in the middle of its range.
+const LEAST_SCATTER: f32 = 0.004;
+/// Light over scatter from which a row speaks for a stripe, how fast, and the bounds of what it says.
+const EVEN: f32 = 1.5;
+const PER_SCATTER: f32 = 0.5;
+const LEAST_ROW: f32 = -1.5;
+const MOST_ROW: f32 = 2.0;
+/// What counts of a row's light over scatter in the mean.
+const MOST_LIGHT: f32 = 20.0;
+/// A piece has so many rows and this mean of light over scatter.
+const LEAST_ROWS: i32 = 40;
+const LEAST_MEAN: f64 = 3.0;
+/// It jumps over so much, px across the stripe, and does not lead back: where it would be at the line is at least this share of it away.
+const LEAST_JUMP_PX: f64 = 8.0;
+const LEADS_BACK: f64 = 0.5;
+/// Less height may be a neighbour's, which hides nothing (`sides.md`, occluders), mm; more is another laser's light behind the face.
+const LEAST_HEIGHT_MM: f64 = 60.0;
+const MOST_HEIGHT_MM: f64 = 700.0;
+/// Heights of both stripes that differ by less than this share are one object's.
+const SAME_HEIGHT: f64 = 0.1;
+/// What is seen so near the line is at it, px: lines of a side that are nearer than 10 px are the same, and a piece begins some rows early
+/// or late.
+const AT_LINE_PX: f64 = 15.0;
+
+/// An object in front of a face.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct InFront {
+    /// Height over the face's plane, mm.
+    pub height_mm: f64,
+    /// Where the first stripe meets it.
+    pub at: Px,
+}
+
+/// A line that is taken for a side of a face.
+#[derive(Clone, Copy)]
+pub(crate) struct SideLine<'a> {
+    pub frame: &'a Frame,
+    pub calibration: &'a Calibration,
+    pub raster: &'a PlaneRaster,
+    /// Half the width of the stripes at their foot, px.
+    pub half_width_px: f64,
+    /// Size of a pixel on the face, mm.
+    pub mm_per_px: f64,
+    pub side: usize,
+    pub offset_mm: f64,
+}
+
+impl SideLine<'_> {
+    /// What both stripes of the side show in front of the face at its line, if they show the same.
+    pub fn in_front(&self) -> Option<InFront> {
+        let mut found = SIDES[self.side].0.stripes().into_iter().map(|id| {
+            let strip = Strip::new(self, id)?;
+            strip.in_front(strip.brightest()?)
+        });
+        let (first, second) = (found.next()??, found.next()??);
+        let [p, q] = [first.height_mm, second.height_mm];
+        ((p - q).abs() < SAME_HEIGHT * p.max(q)).then(|| InFront { height_mm: 0.5 * (p + q), ..first })
+    }
+}
+
+/// The picture beside a stripe, on the side of nearer surfaces.
+struct Strip<'a> {
+    line: &'a SideLine<'a>,
+    id: LaserId,
+    walk: Walk,
+    /// Row (or column) of each step from inside the side's line to beyond it, and where the stripe is in it.
+    places: Vec<(i32, i32)>,
+    /// Nearer surfaces show the stripe at columns that grow (1) or fall (-1).
+    nearer: i32,
+    middle: i32,
+    beside: i32,
+    /// From px along a row to px across the stripe.
+    factor: f64,
+}
+
+/// A run of light that may be one stripe's.
+#[derive(Clone, Copy, Default)]
+struct Piece {
+    score: f32,
+    /// Its first step and how many there are.
+    first: i32,
+    count: i32,
+    /// Sums for a straight line through it: steps, displacements, squares of steps, products of both.
+    sums: [f32; 4],
+    /// Sum of light over scatter.
+    light: f32,
+}
+
+impl<'a> Strip<'a> {
+    fn new(line: &'a SideLine<'a>, id: LaserId) -> Option<Self> {
+        let SideLine { calibration, raster, half_width_px, side, offset_mm, .. } = *line;
+        let at = |offset_mm: f64| {
+            let across = SIDES[side].0;
+            let along = crossing_on(calibration, raster, across, offset_mm, id)?;
+            raster.pixel(calibration, across.at(offset_mm, along))
+        };
+        let (start, beyond) = (at(offset_mm)?, at(offset_mm + outward_sign(side))?);
+        let stripe = StripeLine::new(calibration, id, &raster.plane);
+        let walk = stripe.walk;
+        let outwards = if walk.along(beyond) > walk.along(start) { 1 } else { -1 };
+        let first = walk.along(start).round();
+        let on_face = stripe.place_at(calibration, first, walk.across(start))?;
+        let (normal, distance_mm) = raster.plane.normal_and_distance_mm();
+        let nearer = StripeLine::new(calibration, id, &Plane::new(normal / (0.95 * distance_mm)));
+        let nearer = nearer.place_at(calibration, first, walk.across(start))?;
+        let factor = on_face.factor.clamp(0.3, 1.0);
+        let width = |(share, low, high): (f64, f64, f64)| {
+            (share * half_width_px / factor).clamp(low, high).round() as i32
+        };
+        let mut guess = walk.across(on_face.px);
+        let mut places = Vec::with_capacity((INSIDE + BEYOND + 1) as usize);
+        for step in -INSIDE..=BEYOND {
+            let row = first as i32 + outwards * step;
+            guess = walk.across(stripe.place_at(calibration, f64::from(row), guess)?.px);
+            places.push((row, guess.round() as i32));
+        }
+        let nearer = if walk.across(nearer.px) > walk.across(on_face.px) { 1 } else { -1 };
+        Some(Self { line, id, walk, places, nearer, middle: width(MIDDLE), beside: width(BESIDE), factor })
+    }
+
+    /// Nearest displacement at which light is not the stripe on the face itself.
+    fn nearest(&self) -> i32 {
+        self.beside + self.middle + 3
+    }
+
+    /// Light over scatter in a row at each displacement from the nearest on; fewer at the picture's border.
+    fn light(&self, (row, centre): (i32, i32)) -> Vec<f32> {
+        let frame = self.line.frame;
+        let size = [frame.width_px() as i32, frame.height_px() as i32];
+        let [rows, columns] = if self.walk == Walk::Rows { [size[1], size[0]] } else { size };
+        if row < 0 || row >= rows {
+            return Vec::new();
+        }
+        let red = |column: i32| {
+            let (u, v) = if self.walk == Walk::Rows { (column, row) } else { (row, column) };
+            let at = 3 * (v as usize * size[0] as usize + u as usize);
+            linear_light()[usize::from(frame.rgb()[at])] / 255.0
+        };
+        // Running sums from the innermost column on.
+        let inner = self.nearest() - self.beside - BESIDE_PX;
+        let columns = (inner..=REACH + self.beside + BESIDE_PX)
+            .map(|d| centre + self.nearer * d)
+            .take_while(|c| (0..columns).contains(c));
+        let mut sums = vec![0.0];
+        let mut sum = 0.0;
+        sums.extend(columns.map(|column| {
+            sum += red(column);
+            sum
+        }));
+        let mean = |from: i32, to: i32| {
+            let (before, all) = (sums.get((from - inner) as usize)?, sums.get((to + 1 - inner) as usize)?);
+            Some((all - before) / (to + 1 - from) as f32)
+        };
+        let over_surroundings = |d: i32| {
+            let near = mean(d - self.beside - BESIDE_PX, d - self.beside)?;
+            let far = mean(d + self.beside, d + self.beside + BESIDE_PX)?;
+            Some(mean(d - self.middle, d + self.middle)? - near.max(far))
+        };
+        let mut light: Vec<f32> = (self.nearest()..=REACH).map_while(over_surroundings).collect();
+        let mut sizes: Vec<f32> = light.iter().map(|l| l.abs()).collect();
+        if !sizes.is_empty() {
+            let half = sizes.len() / 2;
+            let scatter = 1.48 * *sizes.select_nth_unstable_by(half, f32::total_cmp).1;
+            light.iter_mut().for_each(|l| *l /= scatter.max(LEAST_SCATTER));
+        }
+        light
+    }
+
+    /// The piece of light that speaks most for a stripe: the best path over rows and displacements, a column a row at most.
+    fn brightest(&self) -> Option<Piece> {
+        let mut best = Piece::default();
+        let mut before: Vec<Piece> = Vec::new();
+        for (step, place) in (-INSIDE..).zip(&self.places) {
+            let light = self.light(*place);
+            let mut now = vec![Piece::default(); light.len()];
+            for (d, (light, piece)) in light.iter().zip(&mut now).enumerate() {
+                let near = before.get(d.saturating_sub(1)..(d + 2).min(before.len())).unwrap_or_default();
+                let last = near.iter().copied().max_by(|p, q| p.score.total_cmp(&q.score));
+                let last =
+                    last.filter(|p| p.score > 0.0).unwrap_or(Piece { first: step, ..Piece::default() });
+                let score = last.score + row_says(*light);
+                if score > 0.0 {
+                    let (s, x) = (step as f32, (d as i32 + self.nearest()) as f32);
+                    *piece = Piece {
+                        score,
+                        first: last.first,
+                        count: last.count + 1,
+                        sums: [
+                            last.sums[0] + s,
+                            last.sums[1] + x,
+                            last.sums[2] + s * s,
+                            last.sums[3] + s * x,
+                        ],
+                        light: last.light + light.min(MOST_LIGHT),
+                    };
+                    if score > best.score {
+                        best = *piece;
+                    }
+                }
+            }
+            before = now;
+        }
+        (best.count >= LEAST_ROWS).then_some(best)
+    }
+
+    /// The object that a piece lies on, if its edge is seen at the line.
+    fn in_front(&self, piece: Piece) -> Option<InFront> {
+        let SideLine { calibration, raster, mm_per_px, side, offset_mm, .. } = *self.line;
+        let n = f64::from(piece.count);
+        let [s, x, ss, sx] = piece.sums.map(f64::from);
+        let slope = (n * sx - s * x) / (n * ss - s * s).max(1e-9);
+        let at_line = (x - slope * s) / n;
+        let jump = at_line + slope * f64::from(piece.first);
+        let clear = f64::from(piece.light) >= LEAST_MEAN * n;
+        if !clear || jump * self.factor < LEAST_JUMP_PX || at_line < LEADS_BACK * jump {
+            return None;
+        }
+        let (row, centre) = *self.places.get((piece.first + INSIDE) as usize)?;
+        let (row, column) = (f64::from(row), f64::from(centre) + f64::from(self.nearer) * jump);
+        let at = if self.walk == Walk::Rows { Px::new(column, row) } else { Px::new(row, column) };
+        let edge = calibration.laser(self.id).intersect(&calibration.camera().ray_from_px(at))?;
+        let (normal, distance_mm) = raster.plane.normal_and_distance_mm();
+        let height_mm = distance_mm - normal.dot(&edge.mm);
+        let off_px = |on_plane| outward_sign(side) * (SIDES[side].0.offset(on_plane) - offset_mm) / mm_per_px;
+        let seen_px = off_px(raster.on_plane(calibration, at)?);
+        let foot_px = off_px(raster.of_cam(&Point::from_vector(edge.mm + normal * height_mm)));
+        let hides = seen_px.abs() <= AT_LINE_PX && foot_px.abs() > AT_LINE_PX;
+        (hides && (LEAST_HEIGHT_MM..MOST_HEIGHT_MM).contains(&height_mm)).then_some(InFront { height_mm, at })
+    }
+}
+
+/// What a row says for a stripe; still a little more where it is brighter, so that a path keeps to the middle.
+fn row_says(light: f32) -> f32 {
+    let told = PER_SCATTER * (light - EVEN);
+    if told > 0.0 { told / (1.0 + told / MOST_ROW) } else { told.max(LEAST_ROW) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frames::{Cam, Plane};
+    use crate::paper_head::paper_head;
+    use nalgebra::Vector3;
+
+    const DISTANCE_MM: f64 = 900.0;
+    const SIDE: usize = 1;
+    const OFFSET_MM: f64 = 170.0;
+
+    /// The face, square to the camera.
+    fn face() -> (Calibration, PlaneRaster) {
+        let calibration = paper_head(1.0);
+        let plane = Plane::new(Vector3::z() / DISTANCE_MM);
+        let raster = PlaneRaster::along(&plane, Vector3::z() * DISTANCE_MM, &Vector3::new(1.0, 1.0, 0.0));
+        (calibration, raster.expect("a direction along the plane"))
+    }
+
+    /// Grey board under four stripes: on the face, and beyond `edge_mm` (as the camera sees it) on another surface, if there is one.
+    fn picture(edge_mm: f64, surface: Option<Plane<Cam>>) -> Frame {
+        let (calibration, raster) = face();
+        let [width, height] = [calibration.width_px() as usize, calibration.height_px() as usize];
+        let mut rgb = vec![90u8; 3 * width * height];
+        // Some noise, so that nothing divides by none.
+        rgb.iter_mut().enumerate().for_each(|(i, value)| *value += (i * 7919 % 13) as u8);
+        let edge = raster.pixel(&calibration, SIDES[SIDE].0.at(OFFSET_MM, 0.0)).expect("in the picture");
+        let near = |middle: f64, size: usize| {
+            (middle - 700.0).max(0.0) as usize..((middle + 700.0).max(0.0) as usize).min(size)
+        };
+        for v in near(edge.v, height) {
+            for u in near(edge.u, width) {
+                let (ray, jacobian) =
+                    calibration.camera().ray_from_px_with_jacobian(Px::new(u as f64, v as f64));
+                let Some(on_face) = raster.of_ray(&ray) else { continue };
+                let on = if SIDES[SIDE].0.offset(on_face) < edge_mm { Some(raster.plane) } else { surface };
+                let Some(on) = on else { continue };
+                for laser in calibration.lasers() {
+                    let line = on.per_mm - laser.per_mm;
+                    let off_px = line.dot(&ray.xy1) / (jacobian.transpose() * line.xy()).norm();
+                    let light = 120.0 * (-0.5 * (off_px / 2.8).powi(2)).exp();
+                    let red = &mut rgb[3 * (v * width + u)];
+                    *red = red.saturating_add(light as u8);
+                }
+            }
+        }
+        Frame::from_rgb(width, height, rgb).expect("the sensor's size")
+    }
+
+    fn found(frame: &Frame) -> Option<InFront> {
+        let (calibration, raster) = face();
+        let mm_per_px = raster.mm_per_px(&calibration, SIDES[SIDE].0.at(OFFSET_MM, 0.0))?;
+        let (calibration, raster) = (&calibration, &raster);
+        let (side, offset_mm) = (SIDE, OFFSET_MM);
+        SideLine { frame, calibration, raster, half_width_px: 8.0, mm_per_px, side, offset_mm }.in_front()
+    }
+
+    fn nearer_by(height_mm: f64) -> Option<Plane<Cam>> {
+        Some(Plane::new(Vector3::z() / (DISTANCE_MM - height_mm)))
+    }
+
+    #[test]
+    fn an_object_whose_edge_is_taken_for_a_side_is_found_with_its_height() {
+        for height_mm in [90.0, 160.0, 300.0] {
+            let object = found(&picture(OFFSET_MM, nearer_by(height_mm))).expect("both stripes jump");
+            assert!((object.height_mm - height_mm).abs() < 0.05 * height_mm, "{object:?} for {height_mm}");
+        }
+    }
+
+    #[test]
+    fn what_stands_beside_the_face_or_behind_it_hides_nothing() {
+        let gap_mm = 20.0 * 0.37; // 20 px between the face and the object
+        let (_, raster) = face();
+        let through = raster.cam_point(SIDES[SIDE].0.at(OFFSET_MM, 0.0)).mm;
+        // A wall or floor that rises from the side towards the camera, by 60 degrees.
+        let outwards = Vector3::new(0.5, 0.5, 0.0).normalize();
+        let normal = (Vector3::z() + outwards * 3f64.sqrt()).normalize();
+        let wall = Plane::new(normal / normal.dot(&through));
+        for (what, frame) in [
+            ("nothing", picture(OFFSET_MM, None)),
+            ("a neighbour at the same height", picture(OFFSET_MM, nearer_by(0.0))),
+            ("a neighbour that protrudes a little", picture(OFFSET_MM, nearer_by(30.0))),
+            ("a neighbour set back", picture(OFFSET_MM, nearer_by(-150.0))),
+            ("a wall", picture(OFFSET_MM, Some(wall))),
+            ("an object with a gap", picture(OFFSET_MM + gap_mm, nearer_by(160.0))),
+        ] {
+            assert_eq!(found(&frame), None, "{what}");
+        }
+    }
+}

@@ -1,0 +1,3 @@
+//! What laser light shows that does not lie on the face.
+
+pub(crate) mod in_front;
