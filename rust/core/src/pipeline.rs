@@ -491,7 +491,9 @@ fn measure_rough(
         clock.lap("fit");
         result
     };
-    let result = match measure(rough, Attempt::First) {
+    // A network's outline with other lines is another outline, with a probability of its own.
+    let attempt = if asked.is_some() { Attempt::Last } else { Attempt::First };
+    let result = match measure(rough, attempt) {
         Ok(Measured::Misplaced(moved)) => {
             measure(&moved, Attempt::Last).or_else(|_| measure(rough, Attempt::Last))
         }

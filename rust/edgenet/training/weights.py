@@ -92,18 +92,6 @@ def sure(sides: dict, w: torch.Tensor) -> torch.Tensor:
     return weights.detach()
 
 
-def disagreeing(sides: dict, w: torch.Tensor) -> tuple[int, int]:
-    """DISAGREE of rivals.rs: sides where all but the network of sides favours another line than both together, and wrong ones of these."""
-    elsewhere = wrong = 0
-    for lines in sides.values():
-        x, right, off = features(lines)
-        best, favourite = int((x @ w).argmax()), int(x[:, 0].argmax())
-        if abs(off[favourite] - off[best]) > SAME_PX:
-            elsewhere += 1
-            wrong += not bool(right[best])
-    return elsewhere, wrong
-
-
 def called_hidden(sides: dict) -> dict:
     """HIDDEN of pipeline.rs: the share of faces with a side that the network of sides calls hidden at least so surely."""
     faces = defaultdict(float)
@@ -147,8 +135,6 @@ def main() -> None:
         w = fit(learn, used)
         print(f"{name}: weights {[round(float(v), 3) for v in w]}; {json.dumps(score(choose, w))}")
     print(f"sure, both files: {[round(float(v), 3) for v in sure(learn | choose, w)]}")
-    elsewhere, wrong = disagreeing(learn | choose, w)
-    print(f"sides where the judges favour different lines: {elsewhere}, of these wrong: {wrong}")
     print(f"sound faces with a side more surely hidden: {json.dumps(called_hidden(learn | choose))}")
 
 

@@ -19,8 +19,6 @@ pub(crate) struct MapOutline {
     pub lines: [Vec<WeightedLine>; 4],
     /// Size of a frame pixel on the face, mm.
     pub mm_per_px: f64,
-    /// Frame pixels per pixel of the maps.
-    pub px_per_raster_px: f64,
     /// Overlap of the rectangle with the mask of the face (intersection over union).
     pub overlap: f32,
 }
@@ -114,7 +112,6 @@ pub(crate) fn map_outline(
         offsets_mm: candidate.offsets_mm,
         lines: Default::default(),
         mm_per_px,
-        px_per_raster_px: maps.px_per_raster_px(),
     })
 }
 

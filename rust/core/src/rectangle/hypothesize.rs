@@ -95,10 +95,10 @@ pub(crate) enum Which {
     WithAlternatives,
 }
 
-/// Scatter of a side in a network's maps, pixels of the maps: it finds lines to 2 px of a picture 512 px wide (p90).
-const MAP_SIGMA: f64 = 0.6;
-/// Farthest from the side in the maps that the image's edge is looked for, pixels of the maps.
-const MAP_REACH: f64 = 2.5;
+/// How far beside a side's line its edge may be found, 1 sigma and at most, px: the line is an edge of the picture itself, seen from end
+/// to end; what is farther away is another line, with a probability of its own.
+const LINE_SIGMA_PX: f64 = 4.0;
+const LINE_REACH_PX: f64 = 10.0;
 
 /// Finds the rectangle when its outline is known to some px: the image's edges beside its sides compete.
 pub(crate) fn snap_to_image(
@@ -110,8 +110,7 @@ pub(crate) fn snap_to_image(
     let open = |found: usize| Reject::RectangleOpen { sides_found: found as u8 };
     let (raster, px) = (outline.raster.on(&face.fit.plane), outline.mm_per_px);
     let ends = ends_by_side(calibration, face, &raster).ok_or_else(|| open(0))?;
-    let reach = MAP_REACH * outline.px_per_raster_px * px;
-    let sigma = MAP_SIGMA * outline.px_per_raster_px * px;
+    let (reach, sigma) = (LINE_REACH_PX * px, LINE_SIGMA_PX * px);
     let mut sides = Vec::with_capacity(4);
     let mut flush = [false; 4];
     for (side, ((across, high), pair)) in SIDES.into_iter().zip(&ends).enumerate() {

@@ -77,8 +77,8 @@ const RUN_ON_UNSEEN: f64 = -3.73;
 
 /// Weights of the networks of lines and of sides, fitted by maximum likelihood to the sides of rendered boxes of the learning seeds
 /// (`training/weights.py`); the latter's is that of the probability of a place and a little, so that it never rules one out.
-const TOLD_BY_LINE: f64 = 0.68;
-const SEEN_IN_PLANE: f64 = 1.14;
+const TOLD_BY_LINE: f64 = 0.71;
+const SEEN_IN_PLANE: f64 = 1.34;
 const LEAST_SEEN: f64 = 1e-3;
 /// Its likeliest place is looked at as well if no edge of the picture is within so many px: some of its bins.
 const SEEN_APART_PX: f64 = 20.0;

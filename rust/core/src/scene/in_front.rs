@@ -81,7 +81,7 @@ impl SideLine<'_> {
         });
         let (first, second) = (found.next()??, found.next()??);
         let [p, q] = [first.height_mm, second.height_mm];
-        ((p - q).abs() < SAME_HEIGHT * p.max(q)).then(|| InFront { height_mm: 0.5 * (p + q), ..first })
+        ((p - q).abs() < SAME_HEIGHT * p.max(q)).then_some(InFront { height_mm: 0.5 * (p + q), ..first })
     }
 }
 
