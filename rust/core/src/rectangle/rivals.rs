@@ -3,6 +3,7 @@
 
 use super::line_evidence::{Evidence, Line};
 use crate::calibration::Calibration;
+use crate::confidence::RIGHT_MM;
 use crate::face::extent::FaceStripes;
 use crate::face::map_outline::MapOutline;
 use crate::face::outline::WeightedLine;
@@ -119,10 +120,14 @@ fn choices(mut lines: Vec<Line>, mm_per_px: f64) -> Vec<Choice> {
         lines.retain(|l| !near(l));
         found.push(Choice { offset_mm, probability: sum });
     }
-    if let (Some(judges), Some(best)) = (judges, found.first().map(|c| c.probability)) {
+    if let (Some(judges), Some(best)) = (judges, found.first().copied()) {
+        // What is near enough to be right with it is in its probability: only lines farther away share what is left.
+        let right = |c: &Choice| (c.offset_mm - best.offset_mm).abs() <= RIGHT_MM;
+        found.retain(|c| c.offset_mm == best.offset_mm || !right(c));
         let sure = surely(judges, mm_per_px);
-        let others = if best < 1.0 { ((1.0 - sure) / (1.0 - best)).min(1.0) } else { 1.0 };
-        found.iter_mut().skip(1).for_each(|choice| choice.probability *= others);
+        let others: f64 = found.iter().skip(1).map(|c| c.probability).sum();
+        let share = if others > 0.0 { ((1.0 - sure) / others).min(1.0) } else { 1.0 };
+        found.iter_mut().skip(1).for_each(|choice| choice.probability *= share);
         found[0].probability = sure;
     }
     found.sort_by(|a, b| b.probability.total_cmp(&a.probability));
