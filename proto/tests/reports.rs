@@ -289,7 +289,7 @@ fn broken_messages_name_the_field() {
         v1::BoxReport::decode(&bytes[..]).unwrap()
     };
     type Breaking = fn(&mut v1::BoxReport);
-    let table: [(Breaking, &str); 15] = [
+    let table: [(Breaking, &str); 16] = [
         (|m| m.outcome = 0, "outcome: missing"),
         (|m| m.outcome = 9, "outcome: 9 is not known"),
         (|m| m.sides = None, "sides: missing"),
@@ -307,6 +307,16 @@ fn broken_messages_name_the_field() {
         (
             |m| m.faces[1].reject.as_mut().unwrap().numbers[0].value = 0.5,
             "faces[1]: reject.sides_found: found 0.5",
+        ),
+        (
+            |m| {
+                let reject = hidden(Some(f64::NAN));
+                let numbers = reject.numbers().into_iter();
+                let numbers = numbers.map(|(name, value)| v1::Number { name: name.into(), value }).collect();
+                let reason = reject.reason().into();
+                m.faces[1].reject = Some(v1::Reject { reason, numbers, text: String::new() });
+            },
+            "faces[1]: in_front_mm: found NaN",
         ),
         (|m| m.faces[1].hint.as_mut().unwrap().moves.clear(), "faces[1]: hint.moves: at least one is needed"),
         (

@@ -242,10 +242,11 @@ fn length(message: Option<v1::Length>, name: &str) -> Result<Estimate, Error> {
 
 /// The inverse of `Reject::reason` and `Reject::numbers`.
 fn reject(message: v1::Reject) -> Result<Reject, Error> {
-    let number = |name: &str| {
-        let found = message.numbers.iter().find(|n| n.name == name).map(|n| n.value);
-        finite(required(found, &format!("reject.{name}"))?, name)
+    let optional = |name: &str| {
+        let found = message.numbers.iter().find(|n| n.name == name);
+        found.map(|n| finite(n.value, name)).transpose()
     };
+    let number = |name: &str| required(optional(name)?, &format!("reject.{name}"));
     let small = |name: &str| {
         let value = number(name)?;
         let whole = (0..=u8::MAX).find(|n| f64::from(*n) == value);
@@ -289,7 +290,7 @@ fn reject(message: v1::Reject) -> Result<Reject, Error> {
             at: Px::new(number("at_u_px")?, number("at_v_px")?),
             probability: number("probability")?,
             limit: number("limit")?,
-            in_front_mm: number("in_front_mm").ok(),
+            in_front_mm: optional("in_front_mm")?,
         },
         "too_far" => Reject::TooFar { distance_mm: number("distance_mm")?, limit_mm: number("limit_mm")? },
         "not_a_rectangle" => {

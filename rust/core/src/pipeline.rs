@@ -359,19 +359,16 @@ fn measure_seen_outline(
     clock.lap("outline");
     let best = rivals.first().ok_or(Reject::RectangleOpen { sides_found: 0 })?;
     clock.see(&best.outline.raster, &best.outline.offsets_mm);
-    let raster = best.outline.raster.on(&wide.fit.plane);
-    let MapOutline { offsets_mm, mm_per_px, .. } = best.outline;
-    let objects = [0, 1, 2, 3].map(|side| {
-        let (half_width_px, offset_mm) = (wide.half_width_px, offsets_mm[side]);
-        let raster = &raster;
-        SideLine { frame, calibration, raster, half_width_px, mm_per_px, side, offset_mm }.in_front()
-    });
-    clock.lap("outline");
-    let hidden = seen.as_ref().map(|(_, odds)| hidden_sides(odds, &objects));
-    if let Some(reject) = hidden.and_then(|told| hidden_face(calibration, &best.outline, told, &objects)) {
-        return Err(reject);
+    let mut free = 1.0;
+    if let Some((_, odds)) = &seen {
+        let objects = objects_in_front(frame, calibration, wide, &best.outline);
+        let told = hidden_sides(odds, &objects);
+        clock.lap("outline");
+        if let Some(reject) = hidden_face(calibration, &best.outline, told, &objects) {
+            return Err(reject);
+        }
+        free = chance_that_free(told);
     }
-    let free = hidden.map_or(1.0, free);
     let measured = rivals.iter().map(|Rival { outline, probability, pairs }| Tried {
         probability: free * probability,
         pairs: pairs.map(|pair| Pair { probability: free * pair.probability, ..pair }),
@@ -405,6 +402,21 @@ fn seen_in_plane(
     Some((axes, odds))
 }
 
+/// What stands in front of each side of an outline, as the lasers show it.
+fn objects_in_front(
+    frame: &Frame,
+    calibration: &Calibration,
+    wide: &FaceStripes,
+    outline: &MapOutline,
+) -> [Option<InFront>; 4] {
+    let raster = &outline.raster.on(&wide.fit.plane);
+    let (half_width_px, mm_per_px) = (wide.half_width_px, outline.mm_per_px);
+    [0, 1, 2, 3].map(|side| {
+        let offset_mm = outline.offsets_mm[side];
+        SideLine { frame, calibration, raster, half_width_px, mm_per_px, side, offset_mm }.in_front()
+    })
+}
+
 /// Probability that something hides a piece of each side: what the network of sides says, and what the lasers show in front of it.
 fn hidden_sides(odds: &SideOdds, objects: &[Option<InFront>; 4]) -> [f64; 4] {
     [0, 1, 2, 3].map(|side| {
@@ -415,7 +427,7 @@ fn hidden_sides(odds: &SideOdds, objects: &[Option<InFront>; 4]) -> [f64; 4] {
 }
 
 /// Probability that nothing hides a piece of the face, or that it does no harm.
-fn free(hidden: [f64; 4]) -> f64 {
+fn chance_that_free(hidden: [f64; 4]) -> f64 {
     let told = hidden.into_iter().fold(0.0, f64::max).min(HIDDEN);
     let odds = told / (1.0 - told) * HIDDEN_ODDS;
     1.0 - HIDDEN_WRONG * odds / (1.0 + odds)

@@ -100,7 +100,7 @@ pub(crate) enum Which {
 const LINE_SIGMA_PX: f64 = 4.0;
 const LINE_REACH_PX: f64 = 10.0;
 
-/// Finds the rectangle when its outline is known to some px: the image's edges beside its sides compete.
+/// Finds the rectangle when its sides' lines are known: the image's edges beside each compete.
 pub(crate) fn snap_to_image(
     frame: &Frame,
     calibration: &Calibration,
