@@ -1,7 +1,9 @@
 //! From paths to decoded frames and a calibration. Every complaint names the file.
 
+use anyhow::Context;
 use boxline::{Error, ErrorKind, Frame};
 use boxline_proto::json::{Laser, RecordedFrame, Recording, Role};
+use sha2::{Digest, Sha256};
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
@@ -20,6 +22,26 @@ impl std::fmt::Display for Usage {
 }
 
 impl std::error::Error for Usage {}
+
+/// The SHA-256 of a file, in hexadecimal digits.
+pub fn sha256(path: &Path) -> std::io::Result<String> {
+    let mut hasher = Sha256::new();
+    std::io::copy(&mut File::open(path)?, &mut hasher)?;
+    Ok(hasher.finalize().iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+/// What tells one file from another in a result: the first digits of its hash.
+pub fn fingerprint(path: &Path) -> anyhow::Result<String> {
+    let mut digits = sha256(path).with_context(|| format!("{}: cannot read", path.display()))?;
+    digits.truncate(16);
+    Ok(digits)
+}
+
+/// This program: its version, and the fingerprint of its file. Results of two builds are never mixed in one file.
+pub fn this_program() -> anyhow::Result<String> {
+    let file = std::env::current_exe().context("the program's own file cannot be found")?;
+    Ok(format!("{}, {}", env!("CARGO_PKG_VERSION"), fingerprint(&file)?))
+}
 
 /// Reads and decodes a JPEG frame.
 pub fn read_frame(path: &Path) -> Result<Frame, Error> {

@@ -2,10 +2,9 @@
 //! which pictures made it. For people: nothing reads it back.
 
 use super::input::Input;
+use crate::input::sha256;
 use anyhow::Context;
 use serde_json::{Value, json};
-use sha2::{Digest, Sha256};
-use std::path::Path;
 
 /// The calibration's `provenance`; `used` are the names of the frames that take part.
 pub fn value(input: &Input, used: &[&str]) -> anyhow::Result<Value> {
@@ -27,10 +26,4 @@ pub fn value(input: &Input, used: &[&str]) -> anyhow::Result<Value> {
         "frames": used,
         "inputs": inputs,
     }))
-}
-
-fn sha256(path: &Path) -> std::io::Result<String> {
-    let mut hasher = Sha256::new();
-    std::io::copy(&mut std::fs::File::open(path)?, &mut hasher)?;
-    Ok(hasher.finalize().iter().map(|byte| format!("{byte:02x}")).collect())
 }

@@ -197,8 +197,8 @@ fn how(summary: &Summary) -> String {
         text.push_str(&format!("Calibration of head {serial} in place of the recordings' own.\n"));
     }
     text + &format!(
-        "Method {}, edges {}, network {}, boxline {}.\n",
-        made.method, made.edges, made.network, made.program
+        "Method {}, edges {}, network {}, limit {}, boxline {}.\n",
+        made.method, made.edges, made.network, made.least_confidence, made.program
     )
 }
 

@@ -59,6 +59,9 @@ pub struct Made {
     pub edges: String,
     /// `embedded`, or the hash of a model file.
     pub network: String,
+    /// As on the command line.
+    pub least_confidence: String,
+    /// Version and fingerprint of the program.
     pub program: String,
 }
 
@@ -453,6 +456,7 @@ mod tests {
             method: "fit".into(),
             edges: "net".into(),
             network: "embedded".into(),
+            least_confidence: "0.97".into(),
             program: "0.1.0".into(),
         }
     }
@@ -510,6 +514,8 @@ mod tests {
         let said = |made: &Made| Book::open(&path, made).map(|_| ()).unwrap_err().to_string();
         let other = Made { hazards: Some("none".into()), ..made() };
         assert!(said(&other).contains("was made otherwise") && said(&other).contains("\"hazards\":\"none\""));
+        // Another build of the same version, too.
+        assert!(said(&Made { program: "0.1.0, 0123".into(), ..made() }).contains("was made otherwise"));
         assert_eq!(std::fs::read_to_string(&path).unwrap(), before);
 
         for (text, complaint) in [

@@ -11,7 +11,7 @@ use super::{Broken, figures, progress_bar};
 use super::{simulated, stock};
 use crate::Finished;
 use crate::args::EvaluateArgs;
-use crate::input::Usage;
+use crate::input::{Usage, fingerprint, this_program};
 use crate::overlay::{self, Headline, View};
 use anyhow::Context;
 use boxline::{Calibration, Method, Px};
@@ -221,11 +221,7 @@ impl Bench<'_> {
     fn made(&self) -> anyhow::Result<Made> {
         let args = self.args;
         let network = match &args.network.model {
-            Some(path) => {
-                let bytes =
-                    std::fs::read(path).with_context(|| format!("{}: cannot read", path.display()))?;
-                format!("{:x}", Sha256::digest(&bytes))[..16].to_owned()
-            }
+            Some(path) => fingerprint(path)?,
             None => "embedded".to_owned(),
         };
         let mut made = Made {
@@ -237,7 +233,8 @@ impl Bench<'_> {
             method: method_name(self.method).into(),
             edges: value_name(args.edges.flatten().unwrap_or_default()),
             network,
-            program: env!("CARGO_PKG_VERSION").into(),
+            least_confidence: args.network.least_confidence.to_string(),
+            program: this_program()?,
         };
         #[cfg(feature = "render")]
         if let Some(stock) = &self.stock {

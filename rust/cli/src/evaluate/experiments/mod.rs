@@ -14,7 +14,7 @@ use super::stock::stock;
 use super::{Recorded, recordings_in};
 use crate::Finished;
 use crate::args::EvaluateArgs;
-use crate::input::Usage;
+use crate::input::{Usage, fingerprint, this_program};
 use anyhow::Context;
 use boxline::network::{EdgeMapNetwork, Network};
 use boxline::{
@@ -34,7 +34,6 @@ use plan::{Subject, Table, What};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 use series::{Shot, Tally};
-use sha2::{Digest, Sha256};
 use std::num::NonZeroUsize;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
@@ -64,12 +63,6 @@ fn ways(args: &EvaluateArgs) -> anyhow::Result<Vec<Way>> {
         ways.push(way(&id, "Paper's system", Method::Keypoints, EdgeMethod::Hough, true));
     }
     Ok(ways)
-}
-
-/// The first digits of a file's hash.
-fn fingerprint(path: &Path) -> anyhow::Result<String> {
-    let bytes = std::fs::read(path).with_context(|| format!("{}: cannot read", path.display()))?;
-    Ok(Sha256::digest(bytes)[..4].iter().map(|byte| format!("{byte:02x}")).collect())
 }
 
 /// The networks of one thread.
@@ -137,7 +130,8 @@ pub fn evaluate(args: &EvaluateArgs, out: &Path) -> anyhow::Result<Finished> {
     };
     let model = args.network.model.as_deref().map_or_else(|| Ok("shipped".to_owned()), fingerprint)?;
     let photos = bench.stock.photos.all.len();
-    let made_with = format!("seed {}, network {model}, {photos} photographs", args.seed);
+    let program = this_program()?;
+    let made_with = format!("boxline {program}, seed {}, network {model}, {photos} photographs", args.seed);
     let mut ledger = Ledger::open(&out.with_extension("csv"), &made_with)?;
     let subjects = plan::subjects(&bench.head, &bench.stock, args.seed)?;
     bench.shoot(&subjects, args.shots, &mut ledger)?;
