@@ -3,9 +3,9 @@
 #![allow(clippy::unwrap_used)] // the helpers of tests are tests
 
 use boxline::network::{Channel, EdgeMap, EdgeMapNetwork};
-use boxline::{EdgeMethod, Error, FaceOutcome, Frame, Method, Network, Settings, measure_face};
+use boxline::{EdgeMethod, Error, FaceOutcome, Frame, Method, Network, Settings, measure_box, measure_face};
 use boxline_edgenet::{EdgeNet, Options};
-use boxline_tests::Recorded;
+use boxline_tests::{FrameThreads, Recorded};
 
 /// The paper's promise; a right outline is far within it, a wrong one far outside.
 const PROMISED_MM: f64 = 5.0;
@@ -51,6 +51,21 @@ fn right_or_refused(settings: &Settings, least_measured: usize) {
     println!("{measured} measured; refused: {refused:#?}");
     assert!(wrong.is_empty(), "\n{}", wrong.join("\n"));
     assert!(measured >= least_measured, "{measured} of 12 measured; refused: {refused:#?}");
+}
+
+#[test]
+fn frames_side_by_side_ask_the_network_side_by_side_and_give_the_same_report() {
+    let network = EdgeNet::embedded(&Options::default()).unwrap();
+    let recorded = Recorded::read("b02");
+    let frames = ["a", "b", "a"].map(|id| recorded.frame(id));
+    let alone = Settings { network: Some(&network as &dyn Network), ..Settings::default() };
+    let together = Settings { workers: Some(&FrameThreads), ..alone };
+    for count in 1..=3 {
+        let frames: Vec<&Frame> = frames.iter().take(count).collect();
+        let [report, same] = [alone, together]
+            .map(|settings| measure_box(&frames, &recorded.calibration, &settings, &mut Vec::new()));
+        assert_eq!(format!("{report:?}"), format!("{same:?}"), "{count} frames");
+    }
 }
 
 /// The paper's single map as the network that ships would give it: stripes on the face and the face's edges, not told apart.

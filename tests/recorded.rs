@@ -5,7 +5,7 @@ use boxline::{
     BoxReport, ErrorKind, Estimate, FaceOutcome, Frame, Method, Outcome, Reject, Settings, Workers,
     measure_box, measure_face,
 };
-use boxline_tests::{Recorded, check_expected, face_summary, report_summary};
+use boxline_tests::{FrameThreads, Recorded, check_expected, face_summary, report_summary};
 use serde_json::Map;
 
 /// What an error may be: mm, and in units of its own sigma.
@@ -223,18 +223,6 @@ fn recorded_frames_in_worse_light_are_right_or_refused() {
     assert!(wrong.is_empty(), "\n{}", wrong.join("\n"));
 }
 
-/// Two threads for the two frames of a box.
-struct TwoThreads;
-
-impl Workers for TwoThreads {
-    fn both(&self, first: &mut (dyn FnMut() + Send), second: &mut (dyn FnMut() + Send)) {
-        std::thread::scope(|scope| {
-            scope.spawn(second);
-            first();
-        });
-    }
-}
-
 /// Workers that do nothing.
 struct Idle;
 
@@ -247,7 +235,7 @@ fn frames_side_by_side_give_the_same_report_as_one_after_the_other() {
     let recorded = Recorded::read("b02");
     let (a, b) = (recorded.frame("a"), recorded.frame("b"));
     let alone = settings(Method::Fit);
-    let together = Settings { workers: Some(&TwoThreads), ..alone };
+    let together = Settings { workers: Some(&FrameThreads), ..alone };
     let (mut times, mut times_together) = (Vec::new(), Vec::new());
     let report = measure_box(&[&a, &b], &recorded.calibration, &alone, &mut times).unwrap();
     let same = measure_box(&[&a, &b], &recorded.calibration, &together, &mut times_together).unwrap();

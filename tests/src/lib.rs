@@ -6,7 +6,7 @@ mod expected;
 
 pub use expected::{check_expected, face_summary, report_summary};
 
-use boxline::{Calibration, Frame};
+use boxline::{Calibration, Frame, Workers};
 use boxline_proto::json::{Recording, Truth, read_calibration, read_recording, read_truth};
 use std::path::{Path, PathBuf};
 
@@ -60,5 +60,18 @@ impl Recorded {
     #[must_use]
     pub fn frame(&self, id: &str) -> Frame {
         Frame::from_jpeg(&self.jpeg(id)).unwrap_or_else(|e| panic!("{} {id}: {e}", self.folder.display()))
+    }
+}
+
+/// A thread for each frame of a box.
+#[derive(Debug)]
+pub struct FrameThreads;
+
+impl Workers for FrameThreads {
+    fn both(&self, first: &mut (dyn FnMut() + Send), second: &mut (dyn FnMut() + Send)) {
+        std::thread::scope(|scope| {
+            scope.spawn(second);
+            first();
+        });
     }
 }

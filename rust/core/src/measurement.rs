@@ -52,8 +52,7 @@ pub struct Settings<'a> {
     pub network: Option<&'a dyn Network>,
     /// The paper's network for [`EdgeMethod::Hough`]; if there is one, `network` is not asked there.
     pub edge_map: Option<&'a dyn EdgeMapNetwork>,
-    /// Measures the two frames of a box side by side; `None`: one after the other. With a network, which has its own threads, it is
-    /// always one after the other.
+    /// Measures the frames of a box side by side; `None`: one after the other.
     pub workers: Option<&'a dyn Workers>,
     /// Becomes true when the result is not wanted any more; looked at between stages.
     pub cancelled: Option<&'a AtomicBool>,

@@ -729,17 +729,21 @@ fn see_faces(
     let see = |i: usize, times: &mut StageTimes| {
         see_face(frames[i], calibration, settings, times).map_err(|e| e.in_context(NAMES[i]))
     };
-    let Some(workers) = settings.workers.filter(|_| !asks_network(settings)) else {
+    let Some(workers) = settings.workers else {
         return (0..frames.len()).map(|i| see(i, times)).collect();
     };
-    let (mut first, mut others, mut more) = (None, None, StageTimes::new());
-    workers.both(&mut || first = Some(see(0, times)), &mut || {
-        others = Some((1..frames.len()).map(|i| see(i, &mut more)).collect::<Result<Vec<_>, _>>());
+    let mut found: Vec<_> = frames.iter().map(|_| (None, StageTimes::new())).collect();
+    let mut work = found.iter_mut().enumerate().map(|(i, (seen, times))| move || *seen = Some(see(i, times)));
+    match (work.next(), work.next(), work.next()) {
+        (Some(mut a), Some(mut b), Some(mut c)) => workers.both(&mut a, &mut || workers.both(&mut b, &mut c)),
+        (Some(mut a), Some(mut b), None) => workers.both(&mut a, &mut b),
+        (a, ..) => a.into_iter().for_each(|mut a| a()),
+    }
+    let taken = found.into_iter().map(|(seen, its_times)| {
+        its_times.into_iter().for_each(|(stage, nanos)| add_time(times, stage, nanos));
+        seen.ok_or_else(|| Error::new(ErrorKind::Cancelled, "the caller's workers left out a frame"))?
     });
-    more.into_iter().for_each(|(stage, nanos)| add_time(times, stage, nanos));
-    let left_out = || Error::new(ErrorKind::Cancelled, "the caller's workers left out a frame");
-    let first = first.ok_or_else(left_out)??;
-    Ok([first].into_iter().chain(others.ok_or_else(left_out)??).collect())
+    taken.collect()
 }
 
 /// Puts the faces together that are there, one a frame; where two leave two boxes, their frames are asked how deep the box is behind

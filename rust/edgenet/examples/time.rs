@@ -108,16 +108,17 @@ fn time(file: Option<&Path>, runtime: &str, threads: NonZeroUsize, runs: usize) 
         let frame =
             Frame::from_rgb(2592, 1944, (0..2592 * 1944 * 3).map(|i| (i * 31 % 253) as u8).collect())?;
         let bytes = include_bytes!("../models/boxnet.onnx");
-        let mut engine = Engine::load(bytes, 3, &options)?;
-        let best_ms = best_of(runs, || engine.run().map(drop))?;
+        let engine = Engine::load(bytes, 3, &options)?;
+        let input = vec![0.0; engine.input_len()];
+        let best_ms = best_of(runs, || engine.run(&input).map(drop))?;
         drop(engine);
         let net = EdgeNet::embedded(&options)?;
         let whole_ms = best_of(runs, || net.maps(&frame).map(drop))?;
         return Ok(Timed { best_ms, whole_ms, peak_mb: peak_mb() });
     };
-    let mut engine = Engine::load(&std::fs::read(file)?, 3, &options)?;
-    engine.input_mut().iter_mut().zip(0u32..).for_each(|(v, i)| *v = (i * 31 % 253) as f32 / 255.0);
-    let best_ms = best_of(runs, || engine.run().map(drop))?;
+    let engine = Engine::load(&std::fs::read(file)?, 3, &options)?;
+    let input: Vec<f32> = (0..engine.input_len()).map(|i| (i * 31 % 253) as f32 / 255.0).collect();
+    let best_ms = best_of(runs, || engine.run(&input).map(drop))?;
     Ok(Timed { best_ms, whole_ms: best_ms, peak_mb: peak_mb() })
 }
 

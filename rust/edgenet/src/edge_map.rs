@@ -1,15 +1,14 @@
 //! The paper's kind of network (HED, IHED): a frame in, one map of stripes and edges out.
 
 use crate::engine::{Engine, Options};
-use crate::{COLOURS, State, read};
+use crate::{COLOURS, probabilities, read};
 use boxline::network::{EdgeMap, EdgeMapNetwork};
 use boxline::{Error, ErrorKind, Frame};
 use std::path::Path;
-use std::sync::{Mutex, PoisonError};
 
-/// A loaded network of the paper's kind. One frame at a time, as [`crate::EdgeNet`].
+/// A loaded network of the paper's kind.
 pub struct EdgeMapNet {
-    state: Mutex<State>,
+    engine: Engine,
 }
 
 impl EdgeMapNet {
@@ -29,15 +28,13 @@ impl EdgeMapNet {
             let text = format!("the network gives {maps} maps, the paper's gives one");
             return Err(Error::new(ErrorKind::ModelFile, text));
         }
-        Ok(Self { state: Mutex::new(State::new(engine)) })
+        Ok(Self { engine })
     }
 }
 
 impl EdgeMapNetwork for EdgeMapNet {
     fn edge_map(&self, frame: &Frame) -> Result<EdgeMap, Error> {
-        // A run that panicked leaves buffers half written, and the next run writes them anew.
-        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        let (values, [columns, rows]) = state.probabilities(frame)?;
+        let (values, [columns, rows]) = probabilities(&self.engine, frame)?;
         EdgeMap::new(columns, rows, [frame.width_px(), frame.height_px()], values)
             .ok_or_else(|| Error::new(ErrorKind::ModelFile, "the network's map is too small"))
     }

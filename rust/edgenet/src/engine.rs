@@ -43,7 +43,7 @@ impl Default for Options {
 /// Largest side of input and output that is accepted: a file must not make the program take all memory.
 const MOST_PX: usize = 4096;
 
-/// A network ready to run, with its input buffer.
+/// A network ready to run, by several threads at a time if they like.
 pub struct Engine {
     loaded: Loaded,
     input_shape: [usize; 4],
@@ -102,22 +102,24 @@ impl Engine {
         }
     }
 
-    /// Where the input goes: one channel after the other, rows top to bottom.
-    pub fn input_mut(&mut self) -> &mut [f32] {
-        match &mut self.loaded {
-            Loaded::OnnxRuntime(session) => session.input_mut(),
-            Loaded::Tract(plan) => plan.input_mut(),
-        }
+    /// Values of an input.
+    #[must_use]
+    pub fn input_len(&self) -> usize {
+        self.input_shape.iter().product()
     }
 
-    /// Runs the network on the input; gives the values of the output, laid out like the input.
+    /// Runs the network on an input: one channel after the other, rows top to bottom. Gives the values of the output, laid out like it.
     ///
     /// # Errors
-    /// [`ErrorKind::NetworkRuntime`]: the runtime failed.
-    pub fn run(&mut self) -> Result<Vec<f32>, Error> {
-        match &mut self.loaded {
-            Loaded::OnnxRuntime(session) => session.run(),
-            Loaded::Tract(plan) => plan.run(),
+    /// [`ErrorKind::NetworkRuntime`]: the input has another size, or the runtime failed.
+    pub fn run(&self, input: &[f32]) -> Result<Vec<f32>, Error> {
+        if input.len() != self.input_len() {
+            let text = format!("the network wants {} values, {} were given", self.input_len(), input.len());
+            return Err(Error::new(ErrorKind::NetworkRuntime, text));
+        }
+        match &self.loaded {
+            Loaded::OnnxRuntime(session) => session.run(input),
+            Loaded::Tract(plan) => plan.run(input),
         }
     }
 }

@@ -20,7 +20,6 @@ use boxline::view::{FaceView, SideOdds, VIEW, Way};
 use boxline::{Error, ErrorKind, Frame};
 use std::num::NonZeroUsize;
 use std::path::Path;
-use std::sync::{Mutex, PoisonError};
 
 /// The weights that ship; `models/boxnet.md` says where they come from.
 const EMBEDDED: &[u8] = include_bytes!("../models/boxnet.onnx");
@@ -32,38 +31,25 @@ const SIDES: &[u8] = include_bytes!("../models/sides.onnx");
 /// Channels of a picture.
 const COLOURS: usize = 3;
 
-/// A loaded network. One frame at a time: calls from several threads wait for each other, so give each thread its own, or
-/// one of them more [`Options::threads`].
+/// A loaded network. Several threads may ask it at a time: with tract each runs by itself, ONNX Runtime takes one after the other.
 pub struct EdgeNet {
-    runtime_name: &'static str,
-    state: Mutex<State>,
-    lines: Mutex<Engine>,
-    sides: Mutex<Engine>,
+    maps: Engine,
+    lines: Engine,
+    sides: Engine,
 }
 
-/// What a run writes to.
-struct State {
-    engine: Engine,
-    downscaler: Downscaler,
-}
-
-impl State {
-    fn new(engine: Engine) -> Self {
-        let [_, _, height, width] = engine.input_shape();
-        Self { engine, downscaler: Downscaler::new([width, height]) }
+/// What a network of frames says of one, and columns and rows of it.
+fn probabilities(engine: &Engine, frame: &Frame) -> Result<(Vec<f32>, [usize; 2]), Error> {
+    let [_, _, height, width] = engine.input_shape();
+    let mut small = vec![0.0; engine.input_len()];
+    Downscaler::new([width, height]).run(frame, &mut small);
+    let values = engine.run(&small)?;
+    if !values.iter().all(|v| (-1e-3..=1.001).contains(v)) {
+        let text = "the network gives values that are no probabilities; its weights are broken";
+        return Err(Error::new(ErrorKind::ModelFile, text));
     }
-
-    /// What the network says of a frame, and columns and rows of it.
-    fn probabilities(&mut self, frame: &Frame) -> Result<(Vec<f32>, [usize; 2]), Error> {
-        self.downscaler.run(frame, self.engine.input_mut());
-        let values = self.engine.run()?;
-        if !values.iter().all(|v| (-1e-3..=1.001).contains(v)) {
-            let text = "the network gives values that are no probabilities; its weights are broken";
-            return Err(Error::new(ErrorKind::ModelFile, text));
-        }
-        let [_, _, rows, columns] = self.engine.output_shape();
-        Ok((values, [columns, rows]))
-    }
+    let [_, _, rows, columns] = engine.output_shape();
+    Ok((values, [columns, rows]))
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, Error> {
@@ -156,12 +142,7 @@ impl EdgeNet {
             Engine::load(LINES, STRIP[0], &single).map_err(|e| e.in_context("embedded network of lines"))?;
         let sides =
             Engine::load(SIDES, VIEW[0], options).map_err(|e| e.in_context("embedded network of sides"))?;
-        Ok(Self {
-            runtime_name: engine.runtime_name(),
-            state: Mutex::new(State::new(engine)),
-            lines: Mutex::new(lines),
-            sides: Mutex::new(sides),
-        })
+        Ok(Self { maps: engine, lines, sides })
     }
 
     /// What the network of sides says of a view seen in one way; [`Network::sides`] asks in all.
@@ -181,15 +162,13 @@ impl EdgeNet {
     /// What runs it: `ONNX Runtime` or `tract`.
     #[must_use]
     pub const fn runtime_name(&self) -> &'static str {
-        self.runtime_name
+        self.maps.runtime_name()
     }
 }
 
 impl Network for EdgeNet {
     fn maps(&self, frame: &Frame) -> Result<FaceMaps, Error> {
-        // A run that panicked leaves buffers half written, and the next run writes them anew.
-        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        let (values, [columns, rows]) = state.probabilities(frame)?;
+        let (values, [columns, rows]) = probabilities(&self.maps, frame)?;
         FaceMaps::new(columns, rows, [frame.width_px(), frame.height_px()], values)
             .ok_or_else(|| Error::new(ErrorKind::ModelFile, "the network's maps are too small"))
     }
@@ -212,18 +191,15 @@ fn bad_network(of: &str) -> Error {
 }
 
 /// What one of the small networks says of an input; `other` is what is wrong with one of another size.
-fn told(engine: &Mutex<Engine>, input: &[f32], other: &str) -> Result<Vec<f32>, Error> {
-    let mut engine = engine.lock().unwrap_or_else(PoisonError::into_inner);
-    let room = engine.input_mut();
-    if room.len() != input.len() {
+fn told(engine: &Engine, input: &[f32], other: &str) -> Result<Vec<f32>, Error> {
+    if input.len() != engine.input_len() {
         return Err(bad_network(other));
     }
-    room.copy_from_slice(input);
-    engine.run()
+    engine.run(input)
 }
 
 impl std::fmt::Debug for EdgeNet {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "EdgeNet({})", self.runtime_name)
+        write!(f, "EdgeNet({})", self.runtime_name())
     }
 }

@@ -85,11 +85,10 @@ fn started(library: &Path) -> Result<Environment, String> {
     environment.map_err(|e| format!("ONNX Runtime does not start: {e}"))
 }
 
-/// A network in ONNX Runtime.
+/// A network in ONNX Runtime. One input at a time: several threads wait for each other.
 pub(crate) struct OnnxSession {
-    session: Session,
+    session: Mutex<Session>,
     shapes: [[usize; 4]; 2],
-    input: Vec<f32>,
 }
 
 impl OnnxSession {
@@ -114,22 +113,19 @@ impl OnnxSession {
             outlets.iter().map(of).collect()
         };
         let shapes = checked_shapes(&shapes_of(session.inputs()), &shapes_of(session.outputs()), channels)?;
-        Ok(Self { session, shapes, input: vec![0.0; shapes[0].iter().product()] })
+        Ok(Self { session: Mutex::new(session), shapes })
     }
 
     pub(crate) const fn shapes(&self) -> [[usize; 4]; 2] {
         self.shapes
     }
 
-    pub(crate) fn input_mut(&mut self) -> &mut [f32] {
-        &mut self.input
-    }
-
-    pub(crate) fn run(&mut self) -> Result<Vec<f32>, Error> {
+    pub(crate) fn run(&self, input: &[f32]) -> Result<Vec<f32>, Error> {
         let failed =
             |e: ort::Error| Error::new(ErrorKind::NetworkRuntime, format!("ONNX Runtime failed: {e}"));
-        let input = TensorRef::from_array_view((self.shapes[0], &*self.input)).map_err(failed)?;
-        let outputs = self.session.run(ort::inputs![input]).map_err(failed)?;
+        let input = TensorRef::from_array_view((self.shapes[0], input)).map_err(failed)?;
+        let mut session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
+        let outputs = session.run(ort::inputs![input]).map_err(failed)?;
         let (_, values) = outputs[0].try_extract_tensor::<f32>().map_err(failed)?;
         Ok(values.to_vec())
     }

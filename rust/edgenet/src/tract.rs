@@ -10,7 +10,6 @@ use tract_onnx::prelude::*;
 pub(crate) struct TractPlan {
     plan: Arc<TypedRunnableModel>,
     shapes: [[usize; 4]; 2],
-    input: Arc<Tensor>,
 }
 
 impl TractPlan {
@@ -22,29 +21,21 @@ impl TractPlan {
         let shapes = checked_shapes(&shapes[0], &shapes[1], channels)?;
         let executor = if threads > 1 { Executor::multithread(threads) } else { Executor::SingleThread };
         let options = RunOptions { executor: Some(executor), ..RunOptions::default() };
-        let (plan, input) = guarded(|| {
-            let plan = model.into_optimized()?.into_runnable_with_options(&options)?;
-            Ok((plan, Tensor::zero::<f32>(&shapes[0])?))
-        })
-        .map_err(|text| {
-            Error::new(ErrorKind::ModelFile, format!("tract cannot prepare the network: {text}"))
-        })?;
-        Ok(Self { plan, shapes, input: Arc::new(input) })
+        let plan =
+            guarded(|| model.into_optimized()?.into_runnable_with_options(&options)).map_err(|text| {
+                Error::new(ErrorKind::ModelFile, format!("tract cannot prepare the network: {text}"))
+            })?;
+        Ok(Self { plan, shapes })
     }
 
     pub(crate) const fn shapes(&self) -> [[usize; 4]; 2] {
         self.shapes
     }
 
-    pub(crate) fn input_mut(&mut self) -> &mut [f32] {
-        // No copy: a finished run has dropped its share of the tensor.
-        let view = Arc::make_mut(&mut self.input).to_plain_array_view_mut::<f32>();
-        view.expect("the tensor was made of f32").into_slice().expect("a new tensor has no gaps")
-    }
-
-    pub(crate) fn run(&mut self) -> Result<Vec<f32>, Error> {
+    pub(crate) fn run(&self, input: &[f32]) -> Result<Vec<f32>, Error> {
         guarded(|| {
-            let outputs = self.plan.run(tvec!(TValue::from_const(Arc::clone(&self.input))))?;
+            let input = Tensor::from_shape(&self.shapes[0], input)?;
+            let outputs = self.plan.run(tvec!(input.into_tvalue()))?;
             Ok(outputs[0].view().as_slice::<f32>()?.to_vec())
         })
         .map_err(|text| Error::new(ErrorKind::NetworkRuntime, format!("tract failed: {text}")))

@@ -67,10 +67,9 @@ const IHED: Exported = (IHED_TINY, include_str!("data/ihed-tiny.check.json"));
 fn difference_to_torch(runtime: Runtime, (model, check): Exported) -> f64 {
     let stored: serde_json::Value = serde_json::from_str(check).unwrap();
     let step = usize::try_from(stored["step"].as_u64().unwrap()).unwrap();
-    let mut engine = Engine::load(model, 3, &options(runtime)).unwrap();
+    let engine = Engine::load(model, 3, &options(runtime)).unwrap();
     let [_, _, height, width] = engine.input_shape();
-    engine.input_mut().copy_from_slice(&check_image(width, height));
-    let values = engine.run().unwrap();
+    let values = engine.run(&check_image(width, height)).unwrap();
     let [_, channels, rows, columns] = engine.output_shape();
     let mut stored = stored["values"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap());
     let mut worst = 0.0f64;
