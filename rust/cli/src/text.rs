@@ -117,6 +117,7 @@ fn what_it_means(kind: WarningKind) -> &'static str {
         WarningKind::NotRightAngled | WarningKind::OppositeEdges => {
             "the sizes are means of opposite edges, --free prints the angles"
         }
+        WarningKind::SideBowed => "the sizes allow for it; a tunnel on a belt reads the enclosing box",
         WarningKind::SidesDiffer => "see that both frames show the same box and its flaps are down",
         _ => "the sigmas allow for it",
     }

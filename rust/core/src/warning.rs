@@ -16,14 +16,22 @@ pub enum WarningKind {
     NotRightAngled,
     /// Two opposite edges of the face differ. Found: the difference of their lengths, mm.
     OppositeEdges,
+    /// A side of the face is a bow. Found: the sagitta of the one that bows most, mm, positive outwards.
+    SideBowed,
     /// The side that both frames show differs more than its sigmas allow. Found: the difference, mm.
     SidesDiffer,
 }
 
 impl WarningKind {
     /// All kinds.
-    pub const ALL: [Self; 5] =
-        [Self::LaserMoved, Self::FaceNotFlat, Self::NotRightAngled, Self::OppositeEdges, Self::SidesDiffer];
+    pub const ALL: [Self; 6] = [
+        Self::LaserMoved,
+        Self::FaceNotFlat,
+        Self::NotRightAngled,
+        Self::OppositeEdges,
+        Self::SideBowed,
+        Self::SidesDiffer,
+    ];
 
     /// The stable name, as in `--json` and protobuf.
     #[must_use]
@@ -33,6 +41,7 @@ impl WarningKind {
             Self::FaceNotFlat => "face_not_flat",
             Self::NotRightAngled => "not_right_angled",
             Self::OppositeEdges => "opposite_edges",
+            Self::SideBowed => "side_bowed",
             Self::SidesDiffer => "sides_differ",
         }
     }
@@ -42,7 +51,7 @@ impl WarningKind {
     pub const fn number_names(self) -> [&'static str; 2] {
         match self {
             Self::LaserMoved => ["tilt_rad", "tilt_sigma_rad"],
-            Self::FaceNotFlat => ["sagitta_mm", "sagitta_sigma_mm"],
+            Self::FaceNotFlat | Self::SideBowed => ["sagitta_mm", "sagitta_sigma_mm"],
             Self::NotRightAngled => ["angle_rad", "angle_sigma_rad"],
             Self::OppositeEdges | Self::SidesDiffer => ["difference_mm", "difference_sigma_mm"],
         }
@@ -110,6 +119,10 @@ impl fmt::Display for Warning {
             ),
             (WarningKind::OppositeEdges, _) => {
                 write!(f, "opposite edges of the face differ by {:.1} ± {sigma:.1} mm", found.abs())
+            }
+            (WarningKind::SideBowed, _) => {
+                let way = if found > 0.0 { "outwards" } else { "inwards" };
+                write!(f, "a side of the face bows {way} by {:.1} ± {sigma:.1} mm", found.abs())
             }
             (WarningKind::SidesDiffer, _) => write!(
                 f,

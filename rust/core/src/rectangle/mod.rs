@@ -335,9 +335,10 @@ fn assemble(
     fit: &FittedRectangle,
     sides: Sides,
     key_points_px: [[Px; 2]; 4],
-    warnings: Vec<Warning>,
+    mut warnings: Vec<Warning>,
 ) -> Option<FaceMeasurement> {
     let Sides { values_mm, mut uncertainty, mut corner_angles, straight } = sides;
+    warnings.extend(straightness::bowed(&straight));
     let calibration = observed.calibration;
     let round = [fit.corner(0, 2), fit.corner(1, 2), fit.corner(1, 3), fit.corner(0, 3)];
     // Sides going round from corner 0: low b, high a, high b, low a.

@@ -5,6 +5,7 @@ use super::refine::{FittedRectangle, Row, Source};
 use crate::face::outline::outward_sign;
 use crate::measurement::Straightness;
 use crate::units::Estimate;
+use crate::warning::{Warning, WarningKind};
 use nalgebra::{Matrix3, Vector3};
 
 /// Pieces of a side, each with a place of its own: what is longer than a twelfth of the side is seen.
@@ -13,10 +14,20 @@ const PIECES: usize = 12;
 const FEWEST: usize = 3;
 const FEWEST_PIECES: usize = 5;
 
+/// What a bow's square over its variance may be on a straight side: one sound face in a thousand has a side with more. Student's
+/// distribution, two-sided, 1 in 4,000, with 2, 3 ... 9 degrees of freedom: those of 5 ([`FEWEST_PIECES`]), 6 ... 12 pieces.
+const LIMITS: [f64; PIECES - FEWEST_PIECES + 1] = [3998.2, 424.5, 151.6, 85.3, 59.4, 46.4, 38.9, 34.0];
+/// A smaller bow is not worth a word: sides are meant to be good to this, mm.
+const WORTH_MM: f64 = 1.0;
+/// Least sigma of a bow, mm: pieces that agree by chance do not make one certain.
+const LEAST_SIGMA_MM: f64 = 0.01;
+
 /// One side.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Side {
     pub told: Straightness,
+    /// Of how many pieces it was told.
+    pieces: usize,
     /// How far the outermost piece lies outwards of the fitted side, mm; 0 at least.
     pub outermost: Estimate,
 }
@@ -27,6 +38,24 @@ pub(super) fn of_sides(fit: &FittedRectangle) -> [Side; 4] {
         let pieces = pieces(fit, side);
         if pieces.len() >= FEWEST_PIECES { of_pieces(&pieces).unwrap_or_default() } else { Side::default() }
     })
+}
+
+/// The bow of the side that bows most, if it is one beyond waves and noise.
+pub(super) fn bowed(sides: &[Side; 4]) -> Option<Warning> {
+    let most = sides.iter().filter_map(Side::bowed).max_by(|p, q| p.found.abs().total_cmp(&q.found.abs()));
+    most.filter(|bow| bow.found.abs() > WORTH_MM)
+}
+
+impl Side {
+    fn bowed(&self) -> Option<Warning> {
+        let limit = *LIMITS.get(self.pieces.checked_sub(FEWEST_PIECES)?)?;
+        let Estimate { value_mm, sigma_mm } = self.told.sagitta;
+        let sigma = sigma_mm.max(LEAST_SIGMA_MM);
+        let chi_square = (value_mm / sigma).powi(2);
+        let bow =
+            Warning { kind: WarningKind::SideBowed, laser: None, found: value_mm, sigma, chi_square, limit };
+        (chi_square > limit).then_some(bow)
+    }
 }
 
 /// A piece of a side: where along it, -1 to 1, and how far outwards, mm.
@@ -74,7 +103,8 @@ fn of_pieces(pieces: &[Piece]) -> Option<Side> {
     let rms_mm = (mean_square(&|p| p.outwards.value_mm) - noise).max(0.0).sqrt();
     let outermost = pieces.iter().map(|p| p.outwards).max_by(|p, q| p.value_mm.total_cmp(&q.value_mm))?;
     let outermost = if outermost.value_mm > 0.0 { outermost } else { Estimate::new(0.0, outermost.sigma_mm) };
-    Some(Side { told: Straightness { sagitta: Estimate::new(found[2], sigma), rms_mm }, outermost })
+    let told = Straightness { sagitta: Estimate::new(found[2], sigma), rms_mm };
+    Some(Side { told, pieces: pieces.len(), outermost })
 }
 
 #[cfg(test)]
@@ -97,6 +127,43 @@ mod tests {
         assert!((bowed.outermost.value_mm - 1.16).abs() < 0.05, "{:?}", bowed.outermost);
         let waved = side(|at| 2.0 * (9.0 * at).sin());
         assert!(waved.told.sagitta.value_mm.abs() < 0.1 && waved.told.rms_mm > 1.0, "{:?}", waved.told);
+    }
+
+    #[test]
+    fn the_largest_bow_is_told_and_neither_waves_nor_noise_nor_what_is_too_small() {
+        let bow = |sagitta_mm: f64| side(move |at| sagitta_mm * (0.394 - at * at) + 0.1 * (40.0 * at).sin());
+        let told = bowed(&[bow(-1.4), bow(2.5), bow(0.9), Side::default()]).expect("a bow of 2.5 mm");
+        assert!((told.found - 2.5).abs() < 0.1 && told.chi_square > told.limit, "{told:?}");
+        let told = bowed(&[bow(-1.4), bow(0.9), bow(0.0), Side::default()]).expect("a bow of 1.4 mm");
+        assert!((told.found + 1.4).abs() < 0.1, "{told:?}");
+        assert_eq!(bowed(&[bow(0.9), bow(0.0), side(|at| 4.0 * (9.0 * at).sin()), Side::default()]), None);
+    }
+
+    /// One sound face in a thousand, however few its pieces.
+    #[test]
+    fn noise_is_taken_for_a_bow_as_often_as_meant() {
+        const FACES: u32 = 4000;
+        let mut state = 1u64;
+        let mut noise_mm = || {
+            // The sum of twelve numbers of a linear congruential generator (Knuth's constants), less its mean: normal enough.
+            let mut unit = || {
+                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                (state >> 11) as f64 / (1u64 << 53) as f64
+            };
+            20.0 * ((0..12).map(|_| unit()).sum::<f64>() - 6.0)
+        };
+        for count in FEWEST_PIECES..=PIECES {
+            let mut face = || {
+                [(); 4].map(|()| {
+                    let at = |k: usize| 2.0 * k as f64 / (count - 1) as f64 - 1.0;
+                    let piece = |k| Piece { at: at(k), outwards: Estimate::new(noise_mm(), 0.1) };
+                    of_pieces(&(0..count).map(piece).collect::<Vec<_>>()).unwrap_or_default()
+                })
+            };
+            let told = (0..FACES).filter(|_| bowed(&face()).is_some()).count();
+            // 4 are meant; Poisson's 99.9 % is 0 to 12.
+            assert!(told <= 12, "{told} of {FACES} faces of {count} pieces");
+        }
     }
 
     #[test]
