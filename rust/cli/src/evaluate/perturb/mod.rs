@@ -91,7 +91,7 @@ impl Tried {
     }
 }
 
-/// One network a thread: a network takes one frame at a time.
+/// One network a thread: ONNX Runtime takes one frame at a time.
 struct Networks(Vec<AnyNet>);
 
 impl Networks {

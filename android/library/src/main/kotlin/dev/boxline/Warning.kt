@@ -30,6 +30,9 @@ public class Warning internal constructor(
         /** Two opposite edges of the face differ in length. */
         OPPOSITE_EDGES,
 
+        /** An edge of the face is a bow of more than 1 mm. */
+        SIDE_BOWED,
+
         /** The side that both pictures show differs more than it should. */
         SIDES_DIFFER,
 

@@ -39,13 +39,13 @@ class ReportsTest {
     fun `warnings of both faces and of the pair are told with their face`() {
         val good = field(2, 1)
         val report = field(1, 1) + field(2, sides) + field(11, enclosing) + field(5, good + field(11, warning("face_not_flat"))) +
-            field(5, good + field(11, warning("laser_moved"))) + field(8, 0.97) + field(6, warning("sides_differ")) + field(6, warning("of tomorrow"))
+            field(5, good + field(11, warning("laser_moved")) + field(11, warning("side_bowed"))) + field(8, 0.97) + field(6, warning("sides_differ")) + field(6, warning("of tomorrow"))
         val measured = measureResult(report) as MeasureResult.Measured
-        val kinds = listOf(Warning.Kind.FACE_NOT_FLAT, Warning.Kind.LASER_MOVED, Warning.Kind.SIDES_DIFFER, Warning.Kind.OTHER)
+        val kinds = listOf(Warning.Kind.FACE_NOT_FLAT, Warning.Kind.LASER_MOVED, Warning.Kind.SIDE_BOWED, Warning.Kind.SIDES_DIFFER, Warning.Kind.OTHER)
         assertEquals(kinds, measured.warnings.map { it.kind })
         assertEquals(0.97, measured.confidence)
         assertEquals(listOf(502.0, 401.0, 300.5), measured.enclosing.run { listOf(length, width, height) }.map { it.value.value })
-        assertEquals(listOf(0, 1, null, null), measured.warnings.map { it.face })
+        assertEquals(listOf(0, 1, 1, null, null), measured.warnings.map { it.face })
         assertEquals(mapOf("sagitta_mm" to -2.5), measured.warnings[0].numbers)
         assertEquals(Length(Millimetres(500.0), Millimetres(501.0), Millimetres(502.0), Millimetres(503.0)), measured.size.length)
     }

@@ -1,10 +1,12 @@
 //! The boxes b01 to b06 of `tests/data` rendered anew for heads with real lenses, measured with the calibration that rendered frames of
-//! the board give, beside the same heads with the paper's lens and their true calibration. Prints a table of `rust/CALIBRATION.md`.
+//! the board give, beside the same heads with the paper's lens and their true calibration. As the product does it, but every result is
+//! told, however unsure. Prints a table of `rust/CALIBRATION.md`.
 //!
-//! `cargo run --release -p boxline-sim --example real_lens_boxes -- --heads 3`
+//! `cargo run --release -p boxline-edgenet --example real_lens_boxes -- --heads 3`
 
 use boxline::calib::{Board, CalibrationSettings, find_board, solve_all, solve_camera};
-use boxline::{Calibration, CameraModel, EdgeMethod, Frame, Outcome, Settings, measure_box};
+use boxline::{BoxMeasurement, Calibration, CameraModel, Frame, Outcome, Settings, measure_box};
+use boxline_edgenet::{EdgeNet, Options};
 use boxline_sim::board::{Faults, render_board};
 use boxline_sim::recording::{Detail, Exposure, expose_full_frame, jpeg};
 use boxline_sim::rng::Rng;
@@ -41,6 +43,7 @@ const LIMIT_MM: f64 = 0.2;
 fn main() -> Result<()> {
     let args = Args::parse();
     let stock = Stock::new(Split::HeldOut);
+    let network = EdgeNet::embedded(&Options::default())?;
     println!(
         "| head | box, mm | paper's lens, true calibration | real lens, true calibration | real lens, estimated |"
     );
@@ -81,18 +84,21 @@ fn main() -> Result<()> {
             truth.sort_by(|a, b| b.total_cmp(a));
             let (plain, real) = (frames(&ideal)?, frames(&head)?);
             let found = [
-                errors(plain.as_deref(), &ideal.calibration, &truth)?,
-                errors(real.as_deref(), &head.calibration, &truth)?,
-                errors(real.as_deref(), &estimated, &truth)?,
+                errors(&network, plain.as_deref(), &ideal.calibration, &truth)?,
+                errors(&network, real.as_deref(), &head.calibration, &truth)?,
+                errors(&network, real.as_deref(), &estimated, &truth)?,
             ];
             if let [_, Some(with_true), Some(with_estimated)] = &found {
-                for (a, b) in with_true.iter().zip(with_estimated) {
+                for (a, b) in with_true.off_mm.iter().zip(&with_estimated.off_mm) {
                     compared += 1;
                     within += usize::from((a - b).abs() <= LIMIT_MM);
                 }
             }
             let text = found.map(|errors| {
-                errors.map_or("refused".to_owned(), |e| format!("{:+.2}, {:+.2}, {:+.2}", e[0], e[1], e[2]))
+                errors.map_or("refused".to_owned(), |e| {
+                    let [length, width, height] = e.off_mm;
+                    format!("{length:+.2}, {width:+.2}, {height:+.2} at {:.3}", e.confidence)
+                })
             });
             println!("| {seed} | b{:02} {truth:?} | {} |", n + 1, text.join(" | "));
         }
@@ -101,16 +107,27 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-/// Errors of length, width, height, mm; `None` if the box is refused.
-fn errors(frames: Option<&[Frame]>, calibration: &Calibration, truth: &[f64; 3]) -> Result<Option<[f64; 3]>> {
+/// Errors of length, width, height, mm, and the stated probability that all are within 5.
+struct Errors {
+    off_mm: [f64; 3],
+    confidence: f64,
+}
+
+/// `None` if the box is refused.
+fn errors(
+    network: &EdgeNet,
+    frames: Option<&[Frame]>,
+    calibration: &Calibration,
+    truth: &[f64; 3],
+) -> Result<Option<Errors>> {
     let Some([a, b]) = frames else { return Ok(None) };
-    let settings = Settings { edges: EdgeMethod::Gradient, least_confidence: 0.0, ..Settings::default() };
+    let settings = Settings { network: Some(network), least_confidence: 0.0, ..Settings::default() };
     let report = measure_box(&[a, b], calibration, &settings, &mut Default::default())?;
-    let near = |m: &boxline::BoxMeasurement| {
+    let near = |m: &BoxMeasurement| {
         let sides = [m.length, m.width, m.height];
         [0, 1, 2].map(|i| sides[i].value_mm - truth[i])
     };
-    Ok(match &report.outcome {
+    let off_mm = match &report.outcome {
         Outcome::Measured(m) => Some(near(m)),
         // b01 is not A x A x B, but two of its sides may look alike: the candidate that is nearer.
         Outcome::Ambiguous(both) => {
@@ -118,7 +135,8 @@ fn errors(frames: Option<&[Frame]>, calibration: &Calibration, truth: &[f64; 3])
             both.iter().map(near).min_by(|a, b| worst(a).total_cmp(&worst(b)))
         }
         Outcome::Rejected(_) => None,
-    })
+    };
+    Ok(off_mm.map(|off_mm| Errors { off_mm, confidence: report.confidence.unwrap_or(0.0) }))
 }
 
 /// What `boxline calibrate` makes of frames of the board.
