@@ -9,7 +9,7 @@ use crate::edges::{EdgeDetector, hough::HoughDetector, subpixel::GradientDetecto
 use crate::error::{Error, ErrorKind};
 use crate::face::extent::{FaceStripes, InnerSegments, Sight, follow_stripes, inner_segments};
 use crate::face::map_outline::{MapOutline, map_outline, mask_at_border};
-use crate::face::outline::{RoughRectangle, SIDES, span_mm};
+use crate::face::outline::RoughRectangle;
 use crate::face::raster::PlaneRaster;
 use crate::face_lines::view::FacePose;
 use crate::feasibility::{self, Hint};
@@ -27,7 +27,7 @@ use crate::rectangle::hypothesize::{Which, cut_by_border, ends_seen, hypothesize
 use crate::rectangle::rivals::{Pair, Rival, rivals};
 use crate::rectangle::{self, Attempt, Measured};
 use crate::reject::Reject;
-use crate::scene::in_front::{InFront, SideLine};
+use crate::scene::hidden::HiddenSides;
 use crate::sides::ViewAxes;
 use crate::stripe::grid_search::{self, Evidence, GridHypothesis};
 use crate::units::{Estimate, LaserId};
@@ -361,13 +361,12 @@ fn measure_seen_outline(
     clock.see(&best.outline.raster, &best.outline.offsets_mm);
     let mut free = 1.0;
     if let Some((_, odds)) = &seen {
-        let objects = objects_in_front(frame, calibration, wide, &best.outline);
-        let told = hidden_sides(odds, &objects);
+        let hidden = HiddenSides::of(frame, calibration, wide, &best.outline, odds);
         clock.lap("outline");
-        if let Some(reject) = hidden_face(calibration, &best.outline, told, &objects) {
+        if let Some(reject) = hidden.refusal(calibration, &best.outline) {
             return Err(reject);
         }
-        free = chance_that_free(told);
+        free = hidden.chance_that_free();
     }
     let measured = rivals.iter().map(|Rival { outline, probability, pairs }| Tried {
         probability: free * probability,
@@ -400,60 +399,6 @@ fn seen_in_plane(
     let axes = ViewAxes::of(calibration, outline.raster.on(&wide.fit.plane))?;
     let odds = asked.sides(&axes.view(&asked.small(), calibration))?;
     Some((axes, odds))
-}
-
-/// What stands in front of each side of an outline, as the lasers show it.
-fn objects_in_front(
-    frame: &Frame,
-    calibration: &Calibration,
-    wide: &FaceStripes,
-    outline: &MapOutline,
-) -> [Option<InFront>; 4] {
-    let raster = &outline.raster.on(&wide.fit.plane);
-    let (half_width_px, mm_per_px) = (wide.half_width_px, outline.mm_per_px);
-    [0, 1, 2, 3].map(|side| {
-        let offset_mm = outline.offsets_mm[side];
-        SideLine { frame, calibration, raster, half_width_px, mm_per_px, side, offset_mm }.in_front()
-    })
-}
-
-/// Probability that something hides a piece of each side: what the network of sides says, and what the lasers show in front of it.
-fn hidden_sides(odds: &SideOdds, objects: &[Option<InFront>; 4]) -> [f64; 4] {
-    [0, 1, 2, 3].map(|side| {
-        let told = odds.hidden(side).min(1.0 - 1e-6);
-        let odds = told / (1.0 - told) * if objects[side].is_some() { IN_FRONT_ODDS } else { 1.0 };
-        odds / (1.0 + odds)
-    })
-}
-
-/// Probability that nothing hides a piece of the face, or that it does no harm.
-fn chance_that_free(hidden: [f64; 4]) -> f64 {
-    let told = hidden.into_iter().fold(0.0, f64::max).min(HIDDEN);
-    let odds = told / (1.0 - told) * HIDDEN_ODDS;
-    1.0 - HIDDEN_WRONG * odds / (1.0 + odds)
-}
-
-/// The refusal of a face of which something in front hides a piece.
-fn hidden_face(
-    calibration: &Calibration,
-    outline: &MapOutline,
-    told: [f64; 4],
-    objects: &[Option<InFront>; 4],
-) -> Option<Reject> {
-    let limit = objects.map(|object| if object.is_some() { AT_OBJECTS_EDGE } else { HIDDEN });
-    let over = |side: &usize| told[*side] / limit[*side];
-    let hidden = || (0..4usize).filter(|side| over(side) >= 1.0);
-    let side = hidden().max_by(|i, j| over(i).total_cmp(&over(j)))?;
-    let (from, to) = span_mm(&outline.offsets_mm, side);
-    let middle = SIDES[side].0.at(outline.offsets_mm[side], 0.5 * (from + to));
-    let at = objects[side].map(|object| object.at);
-    Some(Reject::FaceHidden {
-        sides_hidden: hidden().count() as u8,
-        at: at.or_else(|| outline.raster.pixel(calibration, middle))?,
-        probability: told[side],
-        limit: limit[side],
-        in_front_mm: objects[side].map(|object| object.height_mm),
-    })
 }
 
 /// Measures the face along one outline.
@@ -517,22 +462,6 @@ fn measure_rough(
     }
 }
 
-/// What the network of sides says of a hidden side from which a face is refused for it: 0.9 % of 1,599 sound faces of the learning and
-/// choosing seeds are.
-const HIDDEN: f64 = 0.75;
-/// Odds that something hides a piece of a face which is looked at, an assumption (one in twenty), over those of the network's training (30
-/// hidden ones to 66 whole ones): what is less than [`HIDDEN`] makes the face less sure.
-const HIDDEN_ODDS: f64 = (0.05 / 0.95) / (0.30 / 0.66);
-/// How much more often both stripes of a side show an object in front of it where something hides a piece of the face than where nothing
-/// How much oftener both stripes of a side jump to an object at its line where something hides a piece of the face than where nothing
-/// does: at 4 of 320 hidden faces and none of 756 sound ones of the learning and choosing seeds, half a face added to each.
-const IN_FRONT_ODDS: f64 = (4.5 / 321.0) / (0.5 / 757.0);
-/// A face of which a side is taken to be where such an object's edge is comes out wrong if it is one, and a wrong result counts as much as
-/// a hundred refusals: it is refused from this probability on.
-const AT_OBJECTS_EDGE: f64 = 0.01;
-/// A face that is measured though something hides a piece of it is wrong so often: 2 of 12 that passed of 100 of the choosing seeds, in an
-/// interval of 95 % at most this.
-const HIDDEN_WRONG: f64 = 0.5;
 /// Overlap of the outline with the network's mask below which the maps show no face here; right outlines of rendered boxes have 0.7
 /// and more.
 const LEAST_OVERLAP: f32 = 0.5;

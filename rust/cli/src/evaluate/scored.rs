@@ -19,6 +19,7 @@ use boxline_edgenet::AnyNet;
 use boxline_proto::json::{Recording, Truth, read_calibration};
 use clap::ValueEnum;
 use serde_json::json;
+#[cfg(feature = "render")]
 use sha2::{Digest, Sha256};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};

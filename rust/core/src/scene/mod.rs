@@ -1,3 +1,4 @@
 //! What laser light shows that does not lie on the face.
 
-pub(crate) mod in_front;
+pub(crate) mod hidden;
+mod in_front;
