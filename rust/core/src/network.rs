@@ -235,6 +235,17 @@ pub struct LineStrip {
     pub log_odds: f32,
     /// In which bin of the face's view it lies ([`FaceView`]), if there is one.
     pub bin: Option<f64>,
+    /// What the stripes' light says of it.
+    pub light: StripeLight,
+}
+
+/// What the light of the two stripes that cross a line says of it: logarithms of likelihood ratios, 0 where they say nothing.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StripeLight {
+    /// For light that goes on in the face's plane beyond the line, the lesser and the greater of both stripes.
+    pub beyond: [f64; 2],
+    /// For light that is missing inside the line where it would be seen, of both together.
+    pub missing: f64,
 }
 
 /// Finds stripes and edges in a frame, roughly (to about 2 px of a 512 px wide picture).

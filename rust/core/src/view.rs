@@ -150,6 +150,24 @@ impl SideOdds {
         around.map(|bin| places[bin] * (bin as f64 + 0.5)).sum::<f64>() / sum.max(f64::MIN_POSITIVE)
     }
 
+    /// Places of a side that have at least a probability, to within two bins each; likeliest first, farther apart than that.
+    #[must_use]
+    pub fn likely(&self, side: usize, least: f64) -> Vec<f64> {
+        let mut places: Vec<(f64, f64)> = (0..BINS)
+            .map(|bin| bin as f64 + 0.5)
+            .map(|middle| (middle, self.at(side, middle)))
+            .filter(|(_, probability)| *probability >= least)
+            .collect();
+        places.sort_by(|a, b| b.1.total_cmp(&a.1));
+        let mut found: Vec<f64> = Vec::new();
+        for (middle, _) in places {
+            if found.iter().all(|known| (known - middle).abs() > 2.0 * SAME_BINS) {
+                found.push(middle);
+            }
+        }
+        found
+    }
+
     /// Probability that something in front of the face hides a piece of a side, its corners or a stripe's end there.
     #[must_use]
     pub fn hidden(&self, side: usize) -> f64 {

@@ -5,7 +5,8 @@
 //! A row for each line: recording and frame, side, px outwards from the true side, mm and px, radius of the box's edges in px, the
 //! logarithm of its odds by all but the networks of lines and sides, the strength of its edge, what the network of lines says,
 //! the probability that the network of sides gives its place, and that it gives the side to be hidden; how far outwards of the true side
-//! the measured one is, mm, if the face could be measured however unsure it is, and the larger sigma of its length and width.
+//! the measured one is, mm, if the face could be measured however unsure it is, and the larger sigma of its length and width; what the
+//! stripes' light says of the line (`StripeLight`).
 
 mod true_face;
 
@@ -61,7 +62,7 @@ impl Network for Recorder<'_> {
 fn main() -> Outcome<()> {
     let network = EdgeNet::embedded(&Options::default())?;
     println!(
-        "recording,frame,refuse,side,off_px,mm_per_px,radius_mm,known,strength,told,seen,hidden,measured_off_mm,sigma_mm"
+        "recording,frame,refuse,side,off_px,mm_per_px,radius_mm,known,strength,told,seen,hidden,measured_off_mm,sigma_mm,beyond_least,beyond_most,missing"
     );
     for recordings in std::env::args_os().skip(1).map(PathBuf::from) {
         for folder in with_truth(&recordings)? {
@@ -120,15 +121,17 @@ fn frames(network: &EdgeNet, folder: &Path) -> Outcome<()> {
                 FaceOutcome::Rejected(_) => None,
             }
             .unwrap_or([f64::NAN; 2]);
+            let [p, q] = strip.light.beyond;
             let strength = strip.values[(boxline::network::STRIP[1] * 2 - 1) * boxline::network::STRIP[2]];
             println!(
-                "{name},{},{},{},{off_px:.2},{:.4},{:.2},{:.4},{strength:.3},{told:.4},{seen:.6},{hidden:.4},{off_mm:.3},{sigma_mm:.3}",
+                "{name},{},{},{},{off_px:.2},{:.4},{:.2},{:.4},{strength:.3},{told:.4},{seen:.6},{hidden:.4},{off_mm:.3},{sigma_mm:.3},{p:.2},{q:.2},{:.2}",
                 frame.id,
                 u8::from(face.refuse.is_some()),
                 strip.side,
                 truth.mm_per_px,
                 truth.radius_mm,
                 strip.log_odds,
+                strip.light.missing,
             );
         }
     }

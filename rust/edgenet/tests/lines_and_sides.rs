@@ -1,7 +1,7 @@
 //! The networks of lines and of sides that ship: the same numbers as in training, on both runtimes.
 #![allow(clippy::unwrap_used)] // the helpers of tests are tests
 
-use boxline::network::{LineStrip, Network, STRIP};
+use boxline::network::{LineStrip, Network, STRIP, StripeLight};
 use boxline::view::{BINS, FaceView, SideOdds, VIEW, Way};
 use boxline::{ErrorKind, Px};
 use boxline_edgenet::{EdgeNet, Options, Runtime};
@@ -24,7 +24,15 @@ fn strip(n: usize) -> LineStrip {
             }
         }
     }
-    LineStrip { values, side: 0, middle: Px::new(0.0, 0.0), outwards: [1.0, 0.0], log_odds: 0.0, bin: None }
+    LineStrip {
+        values,
+        side: 0,
+        middle: Px::new(0.0, 0.0),
+        outwards: [1.0, 0.0],
+        log_odds: 0.0,
+        bin: None,
+        light: StripeLight::default(),
+    }
 }
 
 fn network(runtime: Runtime) -> EdgeNet {

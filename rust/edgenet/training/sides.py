@@ -9,7 +9,8 @@
 
 A view is what `boxline::sides::face_view` makes: 5 channels of 256 x 256. The network gives, for each of the four sides, the logits of
 112 places (bins) and of "not in view", and the logit that something in front of the face hides a piece of it. The file with views may
-still be growing. A face turned or mirrored is a face: every visit takes one of the eight ways at random, under other light.
+still be growing. A face turned or mirrored is a face: every visit takes one of the eight ways at random, under other light and with other
+paint on the face. bf16 is used where the processor has it.
 """
 
 import argparse
@@ -33,7 +34,7 @@ import checkpoint
 import programs
 from export import folded
 from models import ConvNorm, Residual
-from train import follow, learning_rate
+from train import bf16_is_fast, follow, learning_rate
 
 CHANNELS, CELLS, BINS = 5, 256, 112
 INNER = CELLS - 2 * BINS
@@ -42,6 +43,7 @@ SPREAD_BINS = 0.7  # of the soft label about the true place: edges wave, crossin
 NEAR_BINS = 2.0  # a place counts as right within so many bins: 2 % of the face
 HIDDEN_WEIGHT = 0.3
 WAYS = (0, 3, 4, 7)  # in which the program asks, of `turned`: as core/src/view.rs has them
+PAINTS = 0.8  # labels and bands a visit, on the mean
 WARM_UP_STEPS = 200
 OPSET = 17
 LARGEST_DIFFERENCE = 1e-3
@@ -209,11 +211,40 @@ def batch_of(views: Views, indices: np.ndarray, rng: np.random.Generator) -> tup
     pictures, bins, hidden = [], [], []
     for index in indices:
         picture, b, h = turned(views.view(index), *views.truth(index), int(rng.integers(8)))
-        pictures.append(np.ascontiguousarray(picture))
+        other = views.view(int(rng.integers(len(views))))
+        pictures.append(painted(picture, b, other, rng))
         bins.append(b)
         hidden.append(h)
-    pictures = torch.from_numpy(np.stack(pictures)).float().div_(255)
+    pictures = torch.from_numpy(np.stack(pictures)).div_(255)
     return varied(pictures, rng), torch.from_numpy(np.stack(bins)), torch.from_numpy(np.stack(hidden))
+
+
+def painted(view: np.ndarray, bins: np.ndarray, other: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """The view with labels, bands and shadows on the face that say nothing of where its sides are: each multiplies the light there, as
+    paint does, so that stripes and edges stay. A label is plain or a piece of another view."""
+    view = view.astype(np.float32)
+    low, high = np.nan_to_num(bins[0::2], nan=BINS), np.nan_to_num(bins[1::2], nan=BINS)
+    # Columns, then rows.
+    first, last = (BINS - low).astype(int), (BINS + INNER + high).astype(int)
+    for _ in range(rng.poisson(PAINTS)):
+        size = np.maximum(((last - first) * rng.uniform(0.08, 0.8, 2)).astype(int), 2)
+        if rng.random() < 0.35:  # a band from side to side
+            axis = int(rng.integers(2))
+            size[axis] = last[axis] - first[axis]
+            size[1 - axis] = max(int(0.3 * size[1 - axis]), 2)
+        at = first + (rng.random(2) * np.maximum(last - first - size + 1, 1)).astype(int)
+        columns, rows = (slice(at[i], min(at[i] + size[i], CELLS)) for i in (0, 1))
+        factor = np.exp(rng.normal(0, 0.35) + rng.normal(0, 0.12, (3, 1, 1))).astype(np.float32)
+        if rng.random() < 0.4:
+            print_ = other[:3, rows, columns].astype(np.float32)
+            factor = factor * np.clip(print_ / (print_.mean() + 1), 0.25, 2.5)
+        view[:3, rows, columns] *= factor
+    if rng.random() < 0.3:  # a shadow with a soft edge over all of it
+        angle, width = rng.uniform(0, 2 * np.pi), rng.uniform(2, 30)
+        along = np.arange(CELLS, dtype=np.float32) - CELLS * rng.uniform(0.2, 0.8)
+        over = np.cos(angle) * along[None] + np.sin(angle) * along[:, None]
+        view[:3] *= 1 - rng.uniform(0.1, 0.5) / (1 + np.exp(-over / np.float32(width)))
+    return np.minimum(view, 255, out=view)
 
 
 def varied(pictures: torch.Tensor, rng: np.random.Generator) -> torch.Tensor:
@@ -299,6 +330,7 @@ def train(options: argparse.Namespace, stop) -> None:
         averaged.load_state_dict(network.state_dict())
         print(f"begun from {options.begin}: {json.dumps(scores(told_by(averaged, validation), validation))}", flush=True)
     steps = options.visits // options.batch
+    fast = bf16_is_fast(torch.device("cpu"))
 
     def save() -> None:
         told = {"step": step, "visits": step * options.batch, "views": len(views), "lr": options.lr, "batch": options.batch, "seed": options.seed, "begun": begun}
@@ -311,7 +343,8 @@ def train(options: argparse.Namespace, stop) -> None:
             views.update()
         pictures, bins, hidden = batch_of(views, rng.integers(len(views), size=options.batch), rng)
         network.train()
-        told = network(pictures.contiguous(memory_format=torch.channels_last))
+        with torch.autocast("cpu", torch.bfloat16, enabled=fast):
+            told = network(pictures.contiguous(memory_format=torch.channels_last)).float()
         loss = loss_of(told, bins, hidden)
         for group in optimiser.param_groups:
             group["lr"] = learning_rate(options.lr, step, step / steps, WARM_UP_STEPS)

@@ -1,11 +1,11 @@
-"""Fits how much the evidence for a line counts: the networks of lines and of sides on one scale.
+"""Fits how much the evidence for a line counts: the networks of lines and of sides and the stripes' light on one scale.
 
     cargo run --release -p boxline-edgenet --example side_evidence -- learn > learn.csv          (recordings with truth)
     cargo run --release -p boxline-edgenet --example side_evidence -- choose > choose.csv
     python weights.py --learn learn.csv --choose choose.csv
 
 A side's right lines against its other lines: a conditional logit, fitted by maximum likelihood to the first file and scored on the
-second. Prints the weights for `rust/core/src/rectangle/line_evidence.rs` and, for each kind of evidence alone and both, the loss a side,
+second. Prints the weights for `rust/core/src/rectangle/line_evidence.rs` and, for kinds of evidence alone and together, the loss a side,
 the share of sides and faces whose likeliest lines are right, and what a least probability of all four leaves: faces, and wrong ones.
 """
 
@@ -22,6 +22,7 @@ RIGHT_PX = 10.0  # a line within so many px of the true side, or inside it by th
 RIGHT_MM = 5.0  # a side that is measured farther off is wrong
 LEAST_SEEN = 1e-3  # as in line_evidence.rs
 MOST_ODDS = (150.0, 1e4)  # as in rivals.rs
+LEAST_LEFT = 1e-6  # as in rivals.rs
 SAME_PX = 10.0  # lines that are taken together, as in rivals.rs
 
 
@@ -31,7 +32,7 @@ def read(path: Path) -> dict:
     with open(path, newline="") as file:
         for row in csv.DictReader(file):
             if row["refuse"] == "0":
-                sides[row["recording"], row["frame"], int(row["side"])].append({k: float(row[k]) for k in ("off_px", "mm_per_px", "radius_mm", "told", "seen", "known", "hidden", "measured_off_mm")})
+                sides[row["recording"], row["frame"], int(row["side"])].append({k: float(row[k]) for k in ("off_px", "mm_per_px", "radius_mm", "told", "seen", "known", "hidden", "measured_off_mm", "beyond_least", "beyond_most", "missing")})
     return sides
 
 
@@ -39,14 +40,14 @@ def features(lines: list[dict]) -> tuple[torch.Tensor, torch.Tensor, np.ndarray]
     off = np.array([l["off_px"] for l in lines])
     radius = np.array([l["radius_mm"] / l["mm_per_px"] for l in lines])
     right = (off >= -(RIGHT_PX + radius)) & (off <= RIGHT_PX)
-    x = np.array([[l["told"], np.log(l["seen"] + LEAST_SEEN)] for l in lines])
+    x = np.array([[l["told"], np.log(l["seen"] + LEAST_SEEN), l["beyond_most"] - l["beyond_least"], l["missing"]] for l in lines])
     return torch.tensor(x), torch.tensor(right), off
 
 
 def fit(sides: dict, used: list[int]) -> torch.Tensor:
     data = [(x, right) for x, right, _ in map(features, sides.values()) if right.any()]
-    weights = torch.zeros(2, dtype=torch.float64, requires_grad=True)
-    mask = torch.zeros(2, dtype=torch.float64)
+    weights = torch.zeros(4, dtype=torch.float64, requires_grad=True)
+    mask = torch.zeros(4, dtype=torch.float64)
     mask[used] = 1
     optimiser = torch.optim.LBFGS([weights], max_iter=60)
 
@@ -62,8 +63,8 @@ def fit(sides: dict, used: list[int]) -> torch.Tensor:
 
 
 def sure(sides: dict, w: torch.Tensor) -> torch.Tensor:
-    """SURE of rivals.rs: that a side's likeliest line is right, from its odds by all but the network of sides and by that network, and a
-    pixel's size. It is, too, where the side was measured within RIGHT_MM, or would be."""
+    """SURE of rivals.rs: that a side's likeliest line is right, from its odds by all but the network of sides and by that network, a
+    pixel's size, what the stripes' light says, and what all of it together leaves for other lines. It is, too, where the side was measured within RIGHT_MM, or would be."""
     x, y = [], []
     for lines in sides.values():
         mm_per_px, radius_mm = lines[0]["mm_per_px"], lines[0]["radius_mm"]
@@ -73,13 +74,14 @@ def sure(sides: dict, w: torch.Tensor) -> torch.Tensor:
         p = torch.softmax(told[:, 0], 0).numpy()
         near = np.abs(off_mm - off_mm[best]) <= SAME_PX * mm_per_px
         odds = [float(np.clip(v / max(1 - v, 1e-12), 1 / most, most)) for v, most in zip((p[near].sum(), lines[best]["seen"]), MOST_ODDS)]
-        x.append([1, *np.log(odds), np.log(mm_per_px)])
+        left = 1 - torch.softmax(told @ w, 0).numpy()[near].sum()
+        x.append([1, *np.log(odds), np.log(mm_per_px), float(told[best, 2:] @ w[2:]), np.log(max(left, LEAST_LEFT))])
         within = lambda limit_mm: -(limit_mm + radius_mm) <= off_mm[best] <= limit_mm
         measured_off_mm = lines[best]["measured_off_mm"]
         near_enough = within(RIGHT_MM) if np.isnan(measured_off_mm) else abs(measured_off_mm) <= RIGHT_MM
         y.append(float(within(RIGHT_PX * mm_per_px) or near_enough))
     x, y = torch.tensor(np.array(x)), torch.tensor(y, dtype=torch.float64)
-    weights = torch.zeros(4, dtype=torch.float64, requires_grad=True)
+    weights = torch.zeros(6, dtype=torch.float64, requires_grad=True)
     optimiser = torch.optim.LBFGS([weights], max_iter=100)
 
     def closure() -> torch.Tensor:
@@ -131,7 +133,7 @@ def main() -> None:
     parser.add_argument("--choose", type=Path, required=True)
     options = parser.parse_args()
     learn, choose = read(options.learn), read(options.choose)
-    for name, used in (("lines alone", [0]), ("sides alone", [1]), ("both", [0, 1])):
+    for name, used in (("lines alone", [0]), ("sides alone", [1]), ("both", [0, 1]), ("both and light", [0, 1, 2, 3])):
         w = fit(learn, used)
         print(f"{name}: weights {[round(float(v), 3) for v in w]}; {json.dumps(score(choose, w))}")
     print(f"sure, both files: {[round(float(v), 3) for v in sure(learn | choose, w)]}")

@@ -123,6 +123,21 @@ pub(crate) fn crossing_px(
     calibration.camera().px_from_ray(&Ray::new(x.x, x.y))
 }
 
+/// Where the stripe of `id` meets the line `offset` on a raster: the other coordinate, mm.
+pub(crate) fn crossing_on(
+    calibration: &Calibration,
+    raster: &PlaneRaster,
+    across: Across,
+    offset: f64,
+    id: LaserId,
+) -> Option<f64> {
+    let p = calibration.laser(id).per_mm;
+    let start = raster.cam_point(across.at(offset, 0.0)).mm;
+    let direction = raster.cam_point(across.at(offset, 1.0)).mm - start;
+    let slope = p.dot(&direction);
+    (slope.abs() > 1e-12).then(|| (1.0 - p.dot(&start)) / slope)
+}
+
 /// How far out the outermost crossing of the stripes that cross a side is, mm from the middle of a raster on their plane.
 pub(crate) fn outermost_crossing_mm(
     calibration: &Calibration,

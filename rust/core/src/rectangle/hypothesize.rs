@@ -3,9 +3,9 @@
 
 use super::combine::{APART_PX, CLEAR_SUPPORT, DRIFT_PX, KEEP, Known, Side, choose};
 use super::corners_outside;
-use super::key_points::crossing_on;
 use crate::calibration::Calibration;
 use crate::edges::side_scan::{EdgeCandidate, ScanRange, SideScan};
+use crate::face::extent::crossing_on;
 use crate::face::extent::{FaceStripes, Limits, StripeEnd, crossing_px, outermost_crossing_mm};
 use crate::face::map_outline::MapOutline;
 use crate::face::outline::{Across, RoughRectangle, SIDES, outward_sign, span_mm};

@@ -4,9 +4,8 @@
 use super::refine::FittedRectangle;
 use crate::calibration::Calibration;
 use crate::edges::EdgePoint;
-use crate::face::extent::FaceStripes;
-use crate::face::outline::{Across, SIDES};
-use crate::face::raster::PlaneRaster;
+use crate::face::extent::{FaceStripes, crossing_on};
+use crate::face::outline::SIDES;
 use crate::frames::{Cam, Point, Ray};
 use crate::units::{LaserId, Px};
 use nalgebra::{Matrix3, Vector3};
@@ -23,21 +22,6 @@ pub(crate) struct KeyPointSides {
 /// (the paper reports 1.96 px for its network's key points; physics.md).
 const EDGE_SIGMA_PX: f64 = 0.5;
 const STRIPE_SIGMA_PX: f64 = 0.15;
-
-/// Where the stripe of `id` meets the line `offset` on a raster: the other coordinate, mm.
-pub(crate) fn crossing_on(
-    calibration: &Calibration,
-    raster: &PlaneRaster,
-    across: Across,
-    offset: f64,
-    id: LaserId,
-) -> Option<f64> {
-    let p = calibration.laser(id).per_mm;
-    let start = raster.cam_point(across.at(offset, 0.0)).mm;
-    let direction = raster.cam_point(across.at(offset, 1.0)).mm - start;
-    let slope = p.dot(&direction);
-    (slope.abs() > 1e-12).then(|| (1.0 - p.dot(&start)) / slope)
-}
 
 /// Position along side `side` (mm) where the stripe of `id` crosses it.
 pub(crate) fn along_side_mm(

@@ -12,6 +12,7 @@ use crate::face::outline::{Across, SIDES, outward_sign, span_mm};
 use crate::face::raster::PlaneRaster;
 use crate::image::Frame;
 use crate::network::{Asked, Channel};
+use crate::scene::lit::LitLines;
 use crate::sides::ViewAxes;
 use crate::view::SideOdds;
 
@@ -23,6 +24,8 @@ pub(super) struct Line {
     pub told: f64,
     /// Probability that the network of sides gives its place; `None` without one.
     pub seen: Option<f64>,
+    /// What the stripes' light adds to both.
+    pub light: f64,
     /// How strong an edge of the picture it is, 0 to 1.
     pub strength: f64,
 }
@@ -41,8 +44,10 @@ impl Line {
 
     /// Logarithm of its weight among the lines of the side.
     pub fn log_weight(&self) -> f64 {
-        self.seen
-            .map_or(self.told, |seen| TOLD_BY_LINE * self.told + SEEN_IN_PLANE * (seen + LEAST_SEEN).ln())
+        let told = self
+            .seen
+            .map_or(self.told, |seen| TOLD_BY_LINE * self.told + SEEN_IN_PLANE * (seen + LEAST_SEEN).ln());
+        told + self.light
     }
 }
 
@@ -58,6 +63,7 @@ pub(super) struct Evidence<'a> {
     pub wide: &'a FaceStripes,
     /// What the network of sides says, if there is one.
     pub seen: Option<&'a (ViewAxes, SideOdds)>,
+    pub lit: &'a LitLines,
 }
 
 /// Weights, fitted by maximum likelihood (each side's right line against its other lines) to the 860 sides of 110 rendered boxes
@@ -75,12 +81,18 @@ const OUTLINE: f64 = 1.47;
 const RUN_ON: f64 = 1.12;
 const RUN_ON_UNSEEN: f64 = -3.73;
 
-/// Weights of the networks of lines and of sides, fitted by maximum likelihood to the sides of rendered boxes of the learning seeds
-/// (`training/weights.py`); the latter's is that of the probability of a place and a little, so that it never rules one out.
+/// Weights of the networks of lines and of sides and of the stripes' light, fitted together by maximum likelihood to the sides of rendered
+/// boxes of the learning seeds (`training/weights.py`); that of the network of sides is of the probability of a place and a little, so
+/// that it never rules one out. Light that goes on beyond a line on both stripes says nothing: the networks tell a flush neighbour from
+/// print.
 const TOLD_BY_LINE: f64 = 0.71;
-const SEEN_IN_PLANE: f64 = 1.34;
+const SEEN_IN_PLANE: f64 = 1.22;
 const LEAST_SEEN: f64 = 1e-3;
-/// Its likeliest place is looked at as well if no edge of the picture is within so many px: some of its bins.
+const LIGHT_ON_ONE: f64 = -0.053;
+const LIGHT_MISSING: f64 = -0.13;
+/// Places that it gives this probability are looked at as well, however weak their edge is, and if no edge of the picture is within so
+/// many px (some of its bins): what is no candidate cannot make another less sure.
+const LIKELY: f64 = 0.03;
 const SEEN_APART_PX: f64 = 20.0;
 
 /// The network's probability of an edge counts up to this: it also draws lines of print, and surely.
@@ -88,7 +100,8 @@ const NETWORK_MOST: f32 = 0.4;
 /// A line that is less likely than the best by this before its corners and it are looked at is none: of 5,294 sides of rendered faces, no
 /// right line was less likely by 5.
 const HOPELESS: f64 = 6.0;
-/// Lines of a side that are kept, their distance and the least share of the side on which they are seen.
+/// Lines of a side that are found, that are kept whatever the network of sides says, their distance and the least share of the side on which they are seen.
+const MANY: usize = 60;
 const KEEP: usize = 14;
 const APART_PX: f64 = 5.0;
 const LEAST_STRENGTH: f32 = 0.35;
@@ -136,16 +149,25 @@ impl Evidence<'_> {
         let (from_mm, to_mm) = if high { (inner, outer) } else { (-outer, -inner) };
         let range = ScanRange { across, from_mm, to_mm, span_mm, step_mm: 0.8 * px };
         let scan = SideScan::new(self.frame, self.calibration, self.raster, &range);
-        let mut found = scan.candidates(DRIFT_PX * px, APART_PX * px, LEAST_STRENGTH, KEEP);
+        let mut found = scan.candidates(DRIFT_PX * px, APART_PX * px, LEAST_STRENGTH, MANY);
+        let mut kept = 0;
+        found.retain(|e| {
+            kept += 1;
+            kept <= KEEP
+                || self.seen.is_some_and(|(axes, odds)| odds.at(side, axes.bin(side, e.offset_mm)) >= LIKELY)
+        });
         let own = offsets_mm[side];
         if found.iter().all(|e| (e.offset_mm - own).abs() > APART_PX * px) {
             found.push(EdgeCandidate { offset_mm: own, strength: 0.0 });
         }
         if let Some((axes, odds)) = self.seen {
-            let offset_mm = axes.offset_mm(side, odds.likeliest(side));
-            let in_range = outward_sign(side) * offset_mm > inner && outward_sign(side) * offset_mm < outer;
-            if in_range && found.iter().all(|e| (e.offset_mm - offset_mm).abs() > SEEN_APART_PX * px) {
-                found.push(EdgeCandidate { offset_mm, strength: 0.0 });
+            for bin in odds.likely(side, LIKELY) {
+                let offset_mm = axes.offset_mm(side, bin);
+                let out_mm = outward_sign(side) * offset_mm;
+                let apart = |e: &EdgeCandidate| (e.offset_mm - offset_mm).abs() > SEEN_APART_PX * px;
+                if out_mm > inner && out_mm < outer && found.iter().all(apart) {
+                    found.push(EdgeCandidate { offset_mm, strength: 0.0 });
+                }
             }
         }
         let stripes = self.stripe_sums(side);
@@ -155,8 +177,10 @@ impl Evidence<'_> {
         let likely = found.iter().zip(&known).filter(|(_, known)| **known > best - HOPELESS);
         let lines = likely.map(|(e, known)| {
             let (stop, seen) = self.corners(side, offsets_mm, e.offset_mm);
+            let light = self.lit.at(self.calibration, self.raster, side, e.offset_mm);
             let place = Place {
                 side,
+                light,
                 offset_mm: e.offset_mm,
                 span_mm,
                 mm_per_px: px,
@@ -168,7 +192,9 @@ impl Evidence<'_> {
             let strip = strip(self.frame, self.calibration, self.raster, &self.asked.maps, &place)?;
             let told = self.asked.line_log_odds(&strip);
             let seen = self.seen.zip(place.bin).map(|((_, odds), bin)| odds.at(side, bin));
-            Some(Line { offset_mm: e.offset_mm, told, seen, strength: f64::from(e.strength) })
+            let [least, most] = light.beyond;
+            let light = LIGHT_ON_ONE * (most - least) + LIGHT_MISSING * light.missing;
+            Some(Line { offset_mm: e.offset_mm, told, seen, light, strength: f64::from(e.strength) })
         });
         lines.collect()
     }

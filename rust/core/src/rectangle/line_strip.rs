@@ -4,7 +4,7 @@ use crate::calibration::Calibration;
 use crate::face::outline::{SIDES, outward_sign};
 use crate::face::raster::PlaneRaster;
 use crate::image::Frame;
-use crate::network::{Channel, FaceMaps, LineStrip, STRIP};
+use crate::network::{Channel, FaceMaps, LineStrip, STRIP, StripeLight};
 use crate::units::{LaserId, Px};
 
 /// Rows: so far outwards of the line, px. Near it a px apart, as edges are blurred; then ever wider, to a flush neighbour's middle.
@@ -43,6 +43,7 @@ pub(super) struct Place {
     pub log_odds: f32,
     /// As [`LineStrip::bin`].
     pub bin: Option<f64>,
+    pub light: StripeLight,
 }
 
 /// The strip of a line; `None` if the plane is not seen there.
@@ -102,7 +103,15 @@ pub(super) fn strip(
     let [_, middle, outside] = at_column(0.5 * COLUMNS as f64);
     let length_px = middle.distance_px(outside).max(f64::MIN_POSITIVE);
     let outwards = [(outside.u - middle.u) / length_px, (outside.v - middle.v) / length_px];
-    Some(LineStrip { values, side: place.side, middle, outwards, log_odds: place.log_odds, bin: place.bin })
+    Some(LineStrip {
+        values,
+        side: place.side,
+        middle,
+        outwards,
+        log_odds: place.log_odds,
+        bin: place.bin,
+        light: place.light,
+    })
 }
 
 /// Mean colour of the pixels, 0 to 1; black outside of the frame.
@@ -156,6 +165,7 @@ mod tests {
         for (side, (across, _)) in SIDES.into_iter().enumerate() {
             let sign = outward_sign(side);
             let place = Place {
+                light: StripeLight::default(),
                 side,
                 offset_mm: sign * 120.0,
                 span_mm: (-90.0, 110.0),

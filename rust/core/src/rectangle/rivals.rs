@@ -9,6 +9,7 @@ use crate::face::map_outline::MapOutline;
 use crate::face::outline::WeightedLine;
 use crate::image::Frame;
 use crate::network::Asked;
+use crate::scene::lit::LitLines;
 use crate::sides::ViewAxes;
 use crate::view::SideOdds;
 
@@ -32,11 +33,13 @@ pub(crate) struct Pair {
 /// Lines nearer than this are the same side, px: what lies between is decided where the edge is measured.
 const SAME_PX: f64 = 10.0;
 /// That the likeliest line of a side is right, as a logistic function: a constant, and the weights of the logarithms of the odds that
-/// two judges give it who do not know each other, all evidence but the network of sides and that network, and of a pixel's size on the
-/// face, mm. Each is too sure of itself where it errs, and lines so many px apart are farther apart on a far face; fitted to 6,440 sides
-/// of rendered boxes of the learning and the choosing seeds, right where the measured side is within 5 mm (`training/weights.py`). Where
-/// the two favour different lines it is true as well: of 140 such sides 22 are wrong and 24 are stated to be.
-const SURE: [f64; 4] = [0.41, 0.47, 0.97, -1.08];
+/// two judges give it who do not know each other, all evidence but the network of sides and that network, of a pixel's size on the
+/// face, mm, of what the stripes' light says, and of the logarithm of what all of it together leaves for other lines. Each judge is too
+/// sure of itself where it errs, and lines so many px apart are farther apart on a far face; fitted to 6,396 sides of rendered boxes of
+/// the learning and the choosing seeds, right where the measured side is within 5 mm (`training/weights.py`).
+const SURE: [f64; 6] = [0.03, 0.32, 0.62, -1.38, 0.37, -0.33];
+/// What is left for other lines counts from this on: no model is surer.
+const LEAST_LEFT: f64 = 1e-6;
 /// Odds of both count up to these: of sides that the first calls surer than that, one in some hundred is wrong all the same.
 const MOST_ODDS: [f64; 2] = [150.0, 1e4];
 /// Outlines that are kept, and the least probability of one.
@@ -60,7 +63,8 @@ pub(crate) fn rivals(
     seen: Option<&(ViewAxes, SideOdds)>,
 ) -> Option<Vec<Rival>> {
     let raster = outline.raster.on(&wide.fit.plane);
-    let evidence = Evidence { frame, calibration, raster: &raster, outline, asked, wide, seen };
+    let lit = LitLines::of(frame, calibration, wide);
+    let evidence = Evidence { frame, calibration, raster: &raster, outline, asked, wide, seen, lit: &lit };
     let mut sides = Vec::with_capacity(4);
     let mut weighted: [Vec<WeightedLine>; 4] = Default::default();
     for (side, weighted) in weighted.iter_mut().enumerate() {
@@ -111,6 +115,7 @@ fn choices(mut lines: Vec<Line>, mm_per_px: f64) -> Vec<Choice> {
         let near = |line: &&Line| (line.offset_mm - best.offset_mm).abs() <= same_mm;
         Some([lines.iter().filter(near).map(told).sum(), best.seen?])
     });
+    let best_light = lines.first().map_or(0.0, |best| best.light);
     let mut found = Vec::new();
     while let Some(best) = lines.first().copied() {
         let near = |l: &Line| (l.offset_mm - best.offset_mm).abs() <= same_mm;
@@ -124,7 +129,7 @@ fn choices(mut lines: Vec<Line>, mm_per_px: f64) -> Vec<Choice> {
         // What is near enough to be right with it is in its probability: only lines farther away share what is left.
         let right = |c: &Choice| (c.offset_mm - best.offset_mm).abs() <= RIGHT_MM;
         found.retain(|c| c.offset_mm == best.offset_mm || !right(c));
-        let sure = surely(judges, mm_per_px);
+        let sure = surely(judges, mm_per_px, best_light, 1.0 - best.probability);
         let others: f64 = found.iter().skip(1).map(|c| c.probability).sum();
         let share = if others > 0.0 { ((1.0 - sure) / others).min(1.0) } else { 1.0 };
         found.iter_mut().skip(1).for_each(|choice| choice.probability *= share);
@@ -141,12 +146,13 @@ fn softmax<F: Fn(&Line) -> f64>(lines: &[Line], log_weight: F) -> impl Fn(&Line)
     move |line| (log_weight(line) - most).exp() / total
 }
 
-/// See [`SURE`]; what the two judges say.
-fn surely([told, seen]: [f64; 2], mm_per_px: f64) -> f64 {
+/// See [`SURE`]; what the two judges say, the light, and what is left for other lines.
+fn surely([told, seen]: [f64; 2], mm_per_px: f64, light: f64, left: f64) -> f64 {
     let odds = |p: f64, most: f64| (p.max(0.0) / (1.0 - p).max(0.0)).clamp(1.0 / most, most).ln();
-    let [constant, by_told, by_seen, by_size] = SURE;
+    let [constant, by_told, by_seen, by_size, by_light, by_left] = SURE;
     let judged = by_told * odds(told, MOST_ODDS[0]) + by_seen * odds(seen, MOST_ODDS[1]);
-    let logit = constant + judged + by_size * mm_per_px.ln();
+    let logit =
+        constant + judged + by_size * mm_per_px.ln() + by_light * light + by_left * left.max(LEAST_LEFT).ln();
     1.0 / (1.0 + (-logit).exp())
 }
 
@@ -156,8 +162,9 @@ mod tests {
 
     #[test]
     fn a_line_that_the_network_of_sides_does_not_see_is_less_sure_and_the_others_are_not_surer_for_it() {
-        let line = |offset_mm, told, seen| Line { offset_mm, told, seen: Some(seen), strength: 0.5 };
-        let of = |seen| choices(vec![line(10.0, 8.0, seen), line(50.0, 4.0, 0.01)], 0.2);
+        let line =
+            |offset_mm, told, seen| Line { offset_mm, told, seen: Some(seen), light: 0.0, strength: 0.5 };
+        let of = |seen| choices(vec![line(10.0, 8.0, seen), line(50.0, 4.0, 0.01)], 0.7);
         let (both, one) = (of(0.97), of(0.03));
         assert!(both[0].probability > 0.95 && one[0].probability < 0.9, "{both:?} {one:?}");
         for found in [both, one] {
@@ -166,16 +173,31 @@ mod tests {
     }
 
     #[test]
+    fn light_that_speaks_against_the_likeliest_line_makes_it_less_sure_or_another_likelier() {
+        let line = |offset_mm, told, light| Line { offset_mm, told, seen: Some(0.9), light, strength: 0.5 };
+        let of = |light| choices(vec![line(10.0, 6.0, light), line(50.0, 4.0, 0.0)], 0.5);
+        let (clear, doubtful, contradicted) = (of(0.0), of(-1.0), of(-4.0));
+        assert!(clear[0].probability > doubtful[0].probability + 0.01, "{clear:?} {doubtful:?}");
+        assert!(doubtful[0].offset_mm == 10.0 && contradicted[0].offset_mm == 50.0, "{contradicted:?}");
+    }
+
+    #[test]
     fn two_judges_who_favour_different_lines_are_not_sure() {
-        let line = |offset_mm, told, seen| Line { offset_mm, told, seen: Some(seen), strength: 0.5 };
+        let line =
+            |offset_mm, told, seen| Line { offset_mm, told, seen: Some(seen), light: 0.0, strength: 0.5 };
         let found = choices(vec![line(10.0, 5.0, 0.97), line(50.0, 8.0, 0.01)], 0.7);
         assert!(found[0].offset_mm == 10.0 && found[0].probability < 0.95, "{found:?}");
     }
 
     #[test]
     fn lines_beside_each_other_are_one_choice() {
-        let line =
-            |offset_mm, weight: f64, strength| Line { offset_mm, told: weight.ln(), seen: None, strength };
+        let line = |offset_mm, weight: f64, strength| Line {
+            offset_mm,
+            told: weight.ln(),
+            seen: None,
+            light: 0.0,
+            strength,
+        };
         let lines = vec![line(10.0, 3.0, 0.5), line(11.0, 3.0, 0.9), line(50.0, 4.0, 0.5)];
         let found = choices(lines, 0.2);
         assert_eq!(found.len(), 2);

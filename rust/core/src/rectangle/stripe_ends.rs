@@ -3,9 +3,9 @@
 //! face's plane predicts a stripe ends in a step. Two such steps a side tell an edge from print beside it, and near the head they
 //! place it better than shading does.
 
-use super::key_points::crossing_on;
 use crate::calibration::Calibration;
 use crate::edges::redness;
+use crate::face::extent::crossing_on;
 use crate::face::outline::{SIDES, outward_sign};
 use crate::face::raster::PlaneRaster;
 use crate::image::Frame;

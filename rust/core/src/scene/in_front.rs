@@ -8,11 +8,11 @@
 
 use crate::calibration::Calibration;
 use crate::edges::linear_light;
+use crate::face::extent::crossing_on;
 use crate::face::outline::{SIDES, outward_sign};
 use crate::face::raster::PlaneRaster;
 use crate::frames::{Plane, Point};
 use crate::image::Frame;
-use crate::rectangle::key_points::crossing_on;
 use crate::stripe::trace::{StripeLine, Walk};
 use crate::units::{LaserId, Px};
 
@@ -264,51 +264,21 @@ fn row_says(light: f32) -> f32 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::drawn::{DISTANCE_MM, Seen, drawn, face};
     use super::*;
     use crate::frames::{Cam, Plane};
-    use crate::paper_head::paper_head;
     use nalgebra::Vector3;
 
-    const DISTANCE_MM: f64 = 900.0;
     const SIDE: usize = 1;
     const OFFSET_MM: f64 = 170.0;
 
-    /// The face, square to the camera.
-    fn face() -> (Calibration, PlaneRaster) {
-        let calibration = paper_head(1.0);
-        let plane = Plane::new(Vector3::z() / DISTANCE_MM);
-        let raster = PlaneRaster::along(&plane, Vector3::z() * DISTANCE_MM, &Vector3::new(1.0, 1.0, 0.0));
-        (calibration, raster.expect("a direction along the plane"))
-    }
-
-    /// Grey board under four stripes: on the face, and beyond `edge_mm` (as the camera sees it) on another surface, if there is one.
+    /// The face up to `edge_mm` (as the camera sees it), beyond it another surface, if there is one.
     fn picture(edge_mm: f64, surface: Option<Plane<Cam>>) -> Frame {
-        let (calibration, raster) = face();
-        let [width, height] = [calibration.width_px() as usize, calibration.height_px() as usize];
-        let mut rgb = vec![90u8; 3 * width * height];
-        // Some noise, so that nothing divides by none.
-        rgb.iter_mut().enumerate().for_each(|(i, value)| *value += (i * 7919 % 13) as u8);
-        let edge = raster.pixel(&calibration, SIDES[SIDE].0.at(OFFSET_MM, 0.0)).expect("in the picture");
-        let near = |middle: f64, size: usize| {
-            (middle - 700.0).max(0.0) as usize..((middle + 700.0).max(0.0) as usize).min(size)
-        };
-        for v in near(edge.v, height) {
-            for u in near(edge.u, width) {
-                let (ray, jacobian) =
-                    calibration.camera().ray_from_px_with_jacobian(Px::new(u as f64, v as f64));
-                let Some(on_face) = raster.of_ray(&ray) else { continue };
-                let on = if SIDES[SIDE].0.offset(on_face) < edge_mm { Some(raster.plane) } else { surface };
-                let Some(on) = on else { continue };
-                for laser in calibration.lasers() {
-                    let line = on.per_mm - laser.per_mm;
-                    let off_px = line.dot(&ray.xy1) / (jacobian.transpose() * line.xy()).norm();
-                    let light = 120.0 * (-0.5 * (off_px / 2.8).powi(2)).exp();
-                    let red = &mut rgb[3 * (v * width + u)];
-                    *red = red.saturating_add(light as u8);
-                }
-            }
-        }
-        Frame::from_rgb(width, height, rgb).expect("the sensor's size")
+        let (_, raster) = face();
+        drawn(|on_face| {
+            let on = if SIDES[SIDE].0.offset(on_face) < edge_mm { Some(raster.plane) } else { surface };
+            Seen { on, paint: 1.0 }
+        })
     }
 
     fn found(frame: &Frame) -> Option<InFront> {

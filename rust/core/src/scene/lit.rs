@@ -1,0 +1,325 @@
+//! Whether a stripe's light lies on the face's plane, at every place along its line over the whole frame, and what that says of a line that
+//! may be a side of the face.
+//!
+//! In linear light a stripe adds to the red of what it lies on a share of that red which is the same on print, tape and board: only angle,
+//! distance and the picture's limit change it. So no light is told from dark paint: where there is little red to add to, or none can be
+//! added, nothing is said. Light that lies on the plane inside a line and not beyond it shows that the face ends there. Light that goes on
+//! beyond it on both stripes leaves open whether the line is print or a flush neighbour's edge; on one of them alone, or light that is
+//! missing inside, speaks against the line.
+
+use crate::calibration::Calibration;
+use crate::edges::linear_light;
+use crate::face::extent::{FaceStripes, crossing_lasers, crossing_on, crossing_px};
+use crate::face::outline::{SIDES, outward_sign};
+use crate::face::raster::PlaneRaster;
+use crate::frames::{Cam, Plane};
+use crate::image::Frame;
+use crate::network::StripeLight;
+use crate::stripe::trace::{StripeLine, Walk};
+use crate::units::{LaserId, Px};
+
+/// Half width of a stripe's middle, and where its surroundings begin: half widths of its foot, bounds in px.
+const MIDDLE: (f64, f64, f64) = (0.35, 1.0, 6.0);
+const BESIDE: (f64, f64, f64) = (1.1, 5.0, 20.0);
+/// Surroundings are so wide, px; the scatter is that of so many places beyond them on both sides.
+const BESIDE_PX: i32 = 5;
+const PLACES: i32 = 6;
+/// What light is expected at least, of what a row's red would add as other rows do; and of what is left up to the picture's limit.
+const EXPECTED: f32 = 0.35;
+const UP_TO: f32 = 0.7;
+/// Least scatter, share of full scale: a step of a byte in the middle of its range.
+const LEAST_SCATTER: f32 = 0.004;
+/// Most that a row says, for and against.
+const MOST_FOR: f32 = 2.0;
+const MOST_AGAINST: f32 = 1.5;
+
+/// What is looked at on both sides of a line, px along the stripe: blur and rounding are over, and neighbouring lines not yet reached; the
+/// running sum counts from `LEAST_PX` on, since single rows may lie on anything.
+const NEAREST_PX: f64 = 6.0;
+const LEAST_PX: f64 = 18.0;
+const FARTHEST_PX: f64 = 30.0;
+const STEP_PX: f64 = 6.0;
+/// Most that a stripe says: rows beside each other see the same, and a surface that bends away a little is taken for the face's.
+const MOST: f64 = 20.0;
+
+/// The four stripes' lines over the frame; `None` for one that cannot be followed.
+pub(crate) struct LitLines([Option<LitLine>; 4]);
+
+impl LitLines {
+    /// On the plane of a face's stripes.
+    pub fn of(frame: &Frame, calibration: &Calibration, stripes: &FaceStripes) -> Self {
+        let plane = &stripes.fit.plane;
+        Self(LaserId::ALL.map(|id| {
+            let [i, j] = crossing_lasers(id);
+            let inner = [crossing_px(calibration, plane, id, i)?, crossing_px(calibration, plane, id, j)?];
+            LitLine::new(frame, calibration, plane, id, inner, stripes.half_width_px)
+        }))
+    }
+
+    /// What the light of both stripes that cross a line says of it.
+    pub fn at(
+        &self,
+        calibration: &Calibration,
+        raster: &PlaneRaster,
+        side: usize,
+        offset_mm: f64,
+    ) -> StripeLight {
+        let (across, _) = SIDES[side];
+        let of_stripe = |id: LaserId| {
+            let at = |offset_mm: f64| {
+                let along = crossing_on(calibration, raster, across, offset_mm, id)?;
+                raster.pixel(calibration, across.at(offset_mm, along))
+            };
+            let line = self.0[id.index()].as_ref()?;
+            let (at, beyond) = (at(offset_mm)?, at(offset_mm + outward_sign(side))?);
+            // Running sums outwards or inwards, for light or against it.
+            let most = |sign: f64, outwards: f64| {
+                let steps = ((FARTHEST_PX - LEAST_PX) / STEP_PX) as u32;
+                let to = (0..=steps).map(|n| LEAST_PX + STEP_PX * f64::from(n));
+                let sums =
+                    to.map(|to| sign * line.between(at, beyond, [NEAREST_PX, to].map(|px| outwards * px)));
+                sums.fold(0.0, f64::max).min(MOST)
+            };
+            Some([most(1.0, 1.0), most(-1.0, -1.0)])
+        };
+        let [[p, no_p], [q, no_q]] = across.stripes().map(|id| of_stripe(id).unwrap_or_default());
+        StripeLight { beyond: [p.min(q), p.max(q)], missing: no_p + no_q }
+    }
+}
+
+/// What a row of the frame says of the light in it.
+#[derive(Clone, Copy, Default)]
+struct Row {
+    /// Linear red of the stripe's middle over its surroundings, and of these, share of full scale.
+    light: f32,
+    ambient: f32,
+    scatter: f32,
+    seen: bool,
+}
+
+/// A stripe's line over the frame.
+struct LitLine {
+    walk: Walk,
+    /// Running sums of what rows say, from row 0 on: the logarithm of how much likelier they are if the light is on the plane.
+    sums: Vec<f32>,
+    /// Length of the line in a row, px.
+    px_per_row: f64,
+}
+
+impl LitLine {
+    /// `inner` are two places between which the stripe is on the face.
+    fn new(
+        frame: &Frame,
+        calibration: &Calibration,
+        plane: &Plane<Cam>,
+        id: LaserId,
+        inner: [Px; 2],
+        half_width_px: f64,
+    ) -> Option<Self> {
+        let line = StripeLine::new(calibration, id, plane);
+        let walk = line.walk;
+        let [p, q] = inner.map(|px| walk.along(px));
+        let (first, last) = (p.min(q), p.max(q));
+        let [rows, columns] = match walk {
+            Walk::Rows => [frame.height_px(), frame.width_px()],
+            Walk::Columns => [frame.width_px(), frame.height_px()],
+        };
+        let middle_row = (0.5 * (first + last)).round().clamp(0.0, rows as f64 - 1.0);
+        let start = line.place_at(calibration, middle_row, walk.across(inner[0]))?;
+        let mut found = vec![Row::default(); rows];
+        let spacing = 1.0 / start.factor.max(0.3);
+        let width = |(share, low, high): (f64, f64, f64)| {
+            (share * half_width_px * spacing).clamp(low, high).round() as i32
+        };
+        let (middle, beside) = (width(MIDDLE), width(BESIDE));
+        for outwards in [-1i32, 1] {
+            let (mut guess, mut row) = (walk.across(start.px), middle_row as i32);
+            while let Some(place) = (0..rows as i32)
+                .contains(&row)
+                .then(|| line.place_at(calibration, f64::from(row), guess))
+                .flatten()
+            {
+                let here = walk.across(place.px);
+                if !(0.0..columns as f64).contains(&here) {
+                    break;
+                }
+                guess = here + f64::from(outwards) * place.slope;
+                found[row as usize] = look(frame, walk, row, here.round() as i32, middle, beside);
+                row += outwards;
+            }
+        }
+        let of_ambient = |row: &Row| row.light / row.ambient.max(LEAST_SCATTER);
+        let inner = (first.max(0.0) as usize).min(rows)..(last.max(0.0) as usize + 1).min(rows);
+        let mut shares: Vec<f32> = found[inner].iter().filter(|row| row.seen).map(of_ambient).collect();
+        if shares.is_empty() {
+            return None;
+        }
+        let half = shares.len() / 2;
+        let share = *shares.select_nth_unstable_by(half, f32::total_cmp).1;
+        let mut sums = Vec::with_capacity(rows + 1);
+        sums.push(0.0);
+        let mut sum = 0.0;
+        for row in &found {
+            sum += row.says(share);
+            sums.push(sum);
+        }
+        let px_per_row = 1f64.hypot(start.slope);
+        Some(Self { walk, sums, px_per_row })
+    }
+
+    /// What the rows between two distances outwards of a place say, px along the stripe; `beyond` is a pixel farther out.
+    fn between(&self, at: Px, beyond: Px, [from_px, to_px]: [f64; 2]) -> f64 {
+        let along = self.walk.along(at);
+        let outwards = (self.walk.along(beyond) - along).signum();
+        let row = |px: f64| {
+            ((along + outwards * px / self.px_per_row).round().max(0.0) as usize).min(self.sums.len() - 1)
+        };
+        let (p, q) = (row(from_px), row(to_px));
+        f64::from(self.sums[p.max(q)] - self.sums[p.min(q)])
+    }
+}
+
+impl Row {
+    /// `share`: what light adds to the red of a row that is lit.
+    fn says(&self, share: f32) -> f32 {
+        if !self.seen {
+            return 0.0;
+        }
+        let expected = EXPECTED * (share * self.ambient).min(UP_TO * (1.0 - self.ambient)).max(0.0);
+        let told = expected * (self.light - 0.5 * expected) / (self.scatter * self.scatter);
+        told.clamp(-MOST_AGAINST, MOST_FOR)
+    }
+}
+
+/// A row across a stripe's line; not seen near the picture's border.
+fn look(frame: &Frame, walk: Walk, row: i32, centre: i32, middle: i32, beside: i32) -> Row {
+    let (width, columns) = match walk {
+        Walk::Rows => (frame.width_px(), frame.width_px()),
+        Walk::Columns => (frame.width_px(), frame.height_px()),
+    };
+    let step = 2 * middle + 1;
+    let reach = beside + BESIDE_PX + step * (PLACES + 1);
+    let inside = |c: i32| (0..columns as i32).contains(&c);
+    if !(inside(centre - beside - BESIDE_PX) && inside(centre + beside + BESIDE_PX)) {
+        return Row::default();
+    }
+    let red = |column: i32| {
+        let pixel = match walk {
+            Walk::Rows => row as usize * width + column as usize,
+            Walk::Columns => column as usize * width + row as usize,
+        };
+        linear_light()[usize::from(frame.rgb()[3 * pixel])] / 255.0
+    };
+    let mean = |from: i32, to: i32| (from..=to).map(red).sum::<f32>() / (to - from + 1) as f32;
+    let [left, right] = [
+        mean(centre - beside - BESIDE_PX, centre - beside),
+        mean(centre + beside, centre + beside + BESIDE_PX),
+    ];
+    let ambient = left.max(right);
+    let light = mean(centre - middle, centre + middle) - ambient;
+    // The same at places where the stripe is not.
+    let mut others: Vec<f32> = Vec::with_capacity(2 * PLACES as usize);
+    let low = (centre - reach).max(0);
+    let high = (centre + reach).min(columns as i32 - 1);
+    for side in [-1, 1] {
+        let mut before: Option<f32> = None;
+        for place in 0..=PLACES {
+            let at = centre + side * (beside + BESIDE_PX + place * step + middle + 1);
+            if at - middle < low || at + middle > high {
+                break;
+            }
+            let here = mean(at - middle, at + middle);
+            others.extend(before.map(|before| (here - before).abs()));
+            before = Some(here);
+        }
+    }
+    let scatter = if others.is_empty() {
+        LEAST_SCATTER
+    } else {
+        let half = others.len() / 2;
+        1.05 * *others.select_nth_unstable_by(half, f32::total_cmp).1 // a difference of two, by 1.48 / sqrt 2
+    };
+    // The step between both surroundings is as large as what may lie under the stripe.
+    let step = 0.5 * (left - right).abs();
+    Row { light, ambient, scatter: scatter.hypot(step).max(LEAST_SCATTER), seen: true }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::drawn::{DISTANCE_MM, Seen, drawn, face};
+    use super::*;
+    use crate::face::raster::OnPlane;
+    use nalgebra::Vector3;
+
+    const SIDE: usize = 1;
+    const OFFSET_MM: f64 = 170.0;
+    const PX_MM: f64 = 0.37; // a pixel on the face
+
+    /// What the light says of a line so many px outwards of the side.
+    fn at(frame: &Frame, out_px: f64) -> StripeLight {
+        let (calibration, raster) = face();
+        let lines = LitLines(LaserId::ALL.map(|id| {
+            let [i, j] = crossing_lasers(id);
+            let inner =
+                [i, j].map(|other| crossing_px(&calibration, &raster.plane, id, other).expect("they cross"));
+            LitLine::new(frame, &calibration, &raster.plane, id, inner, 8.0)
+        }));
+        lines.at(&calibration, &raster, SIDE, OFFSET_MM + out_px * PX_MM)
+    }
+
+    fn offset(on_face: OnPlane) -> f64 {
+        SIDES[SIDE].0.offset(on_face)
+    }
+
+    #[test]
+    fn light_ends_at_a_side_and_nowhere_else_whatever_is_painted_on_the_face() {
+        let (_, raster) = face();
+        let behind = Some(Plane::new(Vector3::z() / (DISTANCE_MM + 200.0)));
+        for (what, band) in
+            [("plain board", 1.0), ("a dark band inside", 0.05), ("a bright band inside", 3.0)]
+        {
+            let frame = drawn(|on_face| {
+                let on = if offset(on_face) < OFFSET_MM { Some(raster.plane) } else { behind };
+                let inside_px = (OFFSET_MM - offset(on_face)) / PX_MM;
+                Seen { on, paint: if (40.0..80.0).contains(&inside_px) { band } else { 1.0 } }
+            });
+            let side = at(&frame, 0.0);
+            assert!(side.beyond[1] < 1.0 && side.missing < 1.0, "{what}: {side:?} at the side");
+            let within = at(&frame, -80.0);
+            assert!(band < 0.1 || within.beyond[0] > 5.0, "{what}: {within:?} at its inner edge");
+            assert!(within.missing < 1.0, "{what}: {within:?} at its inner edge");
+            let outside = at(&frame, 60.0);
+            assert!(outside.missing > 10.0 && outside.beyond[1] < 1.0, "{what}: {outside:?} outside");
+        }
+    }
+
+    #[test]
+    fn a_flush_neighbour_is_lit_on_and_dark_surroundings_say_nothing() {
+        let (_, raster) = face();
+        let neighbour = drawn(|_| Seen { on: Some(raster.plane), paint: 1.0 });
+        assert!(at(&neighbour, 0.0).beyond[0] > 10.0, "{:?}", at(&neighbour, 0.0));
+        let dark = drawn(|on_face| {
+            let face = offset(on_face) < OFFSET_MM;
+            Seen { on: face.then_some(raster.plane), paint: if face { 1.0 } else { 0.01 } }
+        });
+        let outside = at(&dark, 60.0);
+        assert!(outside.missing < 2.0 && outside.beyond[1] < 2.0, "{outside:?}");
+    }
+
+    #[test]
+    fn light_that_goes_on_on_one_stripe_is_told_from_light_that_does_on_both() {
+        let (calibration, raster) = face();
+        // Beyond the line only one stripe's half is lit: no straight side has that.
+        let along = SIDES[SIDE]
+            .0
+            .stripes()
+            .map(|id| crossing_on(&calibration, &raster, SIDES[SIDE].0, OFFSET_MM, id));
+        let middle = along.into_iter().flatten().sum::<f64>() / 2.0;
+        let frame = drawn(|on_face| {
+            let lit = offset(on_face) < OFFSET_MM || SIDES[SIDE].0.along(on_face) < middle;
+            Seen { on: lit.then_some(raster.plane), paint: 1.0 }
+        });
+        let told = at(&frame, 0.0);
+        assert!(told.beyond[0] < 1.0 && told.beyond[1] > 10.0, "{told:?}");
+    }
+}
