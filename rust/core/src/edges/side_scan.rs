@@ -197,3 +197,51 @@ impl SideScan {
         kept
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frames::Plane;
+    use crate::paper_head::paper_head;
+    use nalgebra::Vector3;
+
+    const DISTANCE_MM: f64 = 350.0;
+
+    /// Strength of the edge at the middle of a face's picture whose rounding is so wide, px, scanned so far to both sides of it.
+    fn strength(width_px: f64, reach_px: f64) -> f32 {
+        let calibration = paper_head(1.0);
+        let plane = Plane::new(Vector3::z() / DISTANCE_MM);
+        let raster =
+            PlaneRaster::along(&plane, Vector3::z() * DISTANCE_MM, &Vector3::x()).expect("a direction");
+        let middle = raster.pixel(&calibration, Across::A.at(0.0, 0.0)).expect("in the picture");
+        let mm_per_px = raster.mm_per_px(&calibration, Across::A.at(0.0, 0.0)).expect("in the picture");
+        let [width, height] = [calibration.width_px() as usize, calibration.height_px() as usize];
+        let mut rgb = Vec::with_capacity(3 * width * height);
+        for n in 0..width * height {
+            let off = ((n % width) as f64 - middle.u) / width_px;
+            // A quarter of a cylinder, brightest where it faces the light, and some noise.
+            let shade = 60.0 * (std::f64::consts::PI * off.clamp(-0.5, 0.5)).sin();
+            let level = 130.0 + shade + (n * 7919 % 5) as f64;
+            rgb.extend([level as u8; 3]);
+        }
+        let frame = Frame::from_rgb(width, height, rgb).expect("the sensor's size");
+        let range = ScanRange {
+            across: Across::A,
+            from_mm: -reach_px * mm_per_px,
+            to_mm: reach_px * mm_per_px,
+            span_mm: (-40.0, 40.0),
+            step_mm: 0.8 * mm_per_px,
+        };
+        let scan = SideScan::new(&frame, &calibration, &raster, &range);
+        let found = scan.candidates(8.0 * mm_per_px, 4.0 * mm_per_px, 0.0, 8);
+        found.iter().filter(|e| e.offset_mm.abs() < 10.0 * mm_per_px).map(|e| e.strength).fold(0.0, f32::max)
+    }
+
+    /// Noise is what most of the range shows: a rounded edge must not fill it.
+    #[test]
+    fn a_rounded_edge_seen_from_near_is_as_strong_as_a_sharp_one_if_enough_is_scanned() {
+        assert!(strength(3.0, 16.0) > 0.9 && strength(3.0, 64.0) > 0.9, "a sharp edge");
+        assert!(strength(30.0, 64.0) > 0.9, "{}", strength(30.0, 64.0));
+        assert!(strength(30.0, 16.0) < 0.3, "{}: then a shorter range would do", strength(30.0, 16.0));
+    }
+}
