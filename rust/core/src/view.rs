@@ -139,17 +139,6 @@ impl SideOdds {
         self.sides[side].places.iter().enumerate().map(|(bin, p)| p * share(bin)).sum()
     }
 
-    /// The likeliest place of a side, a bin and its fraction.
-    #[must_use]
-    pub fn likeliest(&self, side: usize) -> f64 {
-        let places = &self.sides[side].places;
-        let best = (0..BINS).max_by(|i, j| places[*i].total_cmp(&places[*j])).unwrap_or(0);
-        // The mean of what is around it: places between two bins are shared by both.
-        let around = best.saturating_sub(1)..(best + 2).min(BINS);
-        let sum: f64 = around.clone().map(|bin| places[bin]).sum();
-        around.map(|bin| places[bin] * (bin as f64 + 0.5)).sum::<f64>() / sum.max(f64::MIN_POSITIVE)
-    }
-
     /// Places of a side that have at least a probability, to within two bins each; likeliest first, farther apart than that.
     #[must_use]
     pub fn likely(&self, side: usize, least: f64) -> Vec<f64> {
@@ -192,6 +181,21 @@ mod tests {
             logits[side * LOGITS + BINS + 1] = value - 3.0;
         }
         SideOdds::from_logits(&logits).expect("finite")
+    }
+
+    #[test]
+    fn each_likely_place_is_told_once_the_likeliest_first() {
+        let mut logits = vec![0.0; OUTPUTS];
+        // Two neighbouring bins share one place, another is less likely, a third is not likely enough.
+        for (bin, logit) in [(20, 9.0), (21, 9.0), (60, 8.0), (90, 5.0)] {
+            logits[LOGITS + bin] = logit;
+        }
+        let odds = SideOdds::from_logits(&logits).expect("finite");
+        let likely = odds.likely(1, 0.03);
+        assert_eq!(likely.len(), 2, "{likely:?}");
+        assert!((likely[0] - 21.0).abs() <= SAME_BINS && (likely[1] - 60.5).abs() <= SAME_BINS, "{likely:?}");
+        assert_eq!(odds.likely(1, 0.001).len(), 3);
+        assert!(odds.at(1, likely[0]) > odds.at(1, likely[1]));
     }
 
     #[test]
