@@ -138,6 +138,18 @@ pub(crate) fn crossing_on(
     (slope.abs() > 1e-12).then(|| (1.0 - p.dot(&start)) / slope)
 }
 
+/// The pixel where the stripe of `id` meets the line `offset` on a raster.
+pub(crate) fn crossing_on_px(
+    calibration: &Calibration,
+    raster: &PlaneRaster,
+    across: Across,
+    offset: f64,
+    id: LaserId,
+) -> Option<Px> {
+    let along = crossing_on(calibration, raster, across, offset, id)?;
+    raster.pixel(calibration, across.at(offset, along))
+}
+
 /// How far out the outermost crossing of the stripes that cross a side is, mm from the middle of a raster on their plane.
 pub(crate) fn outermost_crossing_mm(
     calibration: &Calibration,
@@ -353,7 +365,8 @@ fn centres(
         .map(move |f| StripeObservation { laser, at: f.at, sigma_px: f.sigma_px })
 }
 
-fn inner_segment(
+/// The line of a laser on a plane, from the one crossing of its stripe to the other along its walk, and the first crossing.
+pub(crate) fn inner_segment(
     calibration: &Calibration,
     plane: &Plane<Cam>,
     id: LaserId,

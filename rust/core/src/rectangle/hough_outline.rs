@@ -4,8 +4,7 @@
 use crate::calibration::Calibration;
 use crate::edges::hough::{Line, lines_beside_stripes};
 use crate::edges::map::LEAST_PROBABILITY;
-use crate::face::extent::crossing_on;
-use crate::face::extent::crossing_px;
+use crate::face::extent::{crossing_on, crossing_px};
 use crate::face::map_outline::{Candidate, Spot, turned};
 use crate::face::outline::{Across, RoughRectangle, SIDES, outward_sign, span_mm};
 use crate::face::raster::{OnPlane, PlaneRaster};

@@ -5,8 +5,9 @@ use super::combine::{APART_PX, CLEAR_SUPPORT, DRIFT_PX, KEEP, Known, Side, choos
 use super::corners_outside;
 use crate::calibration::Calibration;
 use crate::edges::side_scan::{EdgeCandidate, ScanRange, SideScan};
-use crate::face::extent::crossing_on;
-use crate::face::extent::{FaceStripes, Limits, StripeEnd, crossing_px, outermost_crossing_mm};
+use crate::face::extent::{
+    FaceStripes, Limits, StripeEnd, crossing_on_px, crossing_px, outermost_crossing_mm,
+};
 use crate::face::map_outline::MapOutline;
 use crate::face::outline::{Across, RoughRectangle, SIDES, outward_sign, span_mm};
 use crate::face::raster::{OnPlane, PlaneRaster};
@@ -206,8 +207,7 @@ pub(crate) fn limits(
         for (side, (across, high)) in SIDES.into_iter().enumerate() {
             if across.stripes().contains(&id) {
                 let offset = offsets_mm[side] + if high { beyond } else { -beyond };
-                let along = crossing_on(calibration, raster, across, offset, id)?;
-                pair.push(raster.pixel(calibration, across.at(offset, along))?);
+                pair.push(crossing_on_px(calibration, raster, across, offset, id)?);
             }
         }
         result.push(pair.try_into().ok()?);

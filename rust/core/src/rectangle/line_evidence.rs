@@ -150,12 +150,13 @@ impl Evidence<'_> {
         let range = ScanRange { across, from_mm, to_mm, span_mm, step_mm: 0.8 * px };
         let scan = SideScan::new(self.frame, self.calibration, self.raster, &range);
         let mut found = scan.candidates(DRIFT_PX * px, APART_PX * px, LEAST_STRENGTH, MANY);
-        let mut kept = 0;
-        found.retain(|e| {
-            kept += 1;
-            kept <= KEEP
-                || self.seen.is_some_and(|(axes, odds)| odds.at(side, axes.bin(side, e.offset_mm)) >= LIKELY)
-        });
+        if found.len() > KEEP {
+            let weaker = found.split_off(KEEP);
+            let likely = |e: &EdgeCandidate| {
+                self.seen.is_some_and(|(axes, odds)| odds.at(side, axes.bin(side, e.offset_mm)) >= LIKELY)
+            };
+            found.extend(weaker.into_iter().filter(likely));
+        }
         let own = offsets_mm[side];
         if found.iter().all(|e| (e.offset_mm - own).abs() > APART_PX * px) {
             found.push(EdgeCandidate { offset_mm: own, strength: 0.0 });

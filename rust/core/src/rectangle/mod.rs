@@ -20,7 +20,7 @@ mod uncertainty;
 
 use crate::calibration::Calibration;
 use crate::edges::EdgePoint;
-use crate::face::extent::{FaceStripes, crossing_on, crossing_px};
+use crate::face::extent::{FaceStripes, crossing_on_px, crossing_px};
 use crate::face::outline::{RoughRectangle, SIDES, WeightedLine, span_mm};
 use crate::face::plane_fit::StripeObservation;
 use crate::face::raster::{OnPlane, PlaneRaster};
@@ -406,11 +406,8 @@ pub(crate) fn keep_out(
     let mut places = Vec::with_capacity(8);
     for (side, (across, _)) in SIDES.iter().enumerate() {
         for id in across.stripes() {
-            if let Some(at) = crossing_on(calibration, &rough.raster, *across, rough.offsets_mm[side], id)
-                .and_then(|along| rough.raster.pixel(calibration, across.at(rough.offsets_mm[side], along)))
-            {
-                places.push((at, radius));
-            }
+            let at = crossing_on_px(calibration, &rough.raster, *across, rough.offsets_mm[side], id);
+            places.extend(at.map(|at| (at, radius)));
         }
     }
     places
@@ -419,6 +416,7 @@ pub(crate) fn keep_out(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::face::extent::crossing_on;
     use crate::paper_head::paper_head;
     use nalgebra::Vector3;
 

@@ -5,7 +5,7 @@
 
 use crate::calibration::Calibration;
 use crate::edges::redness;
-use crate::face::extent::crossing_on;
+use crate::face::extent::crossing_on_px;
 use crate::face::outline::{SIDES, outward_sign};
 use crate::face::raster::PlaneRaster;
 use crate::image::Frame;
@@ -119,11 +119,8 @@ impl Walk {
         half_width_px: f64,
     ) -> Option<Self> {
         let ((across, _), sign) = (SIDES[side], outward_sign(side));
-        let at = |beyond_mm: f64| {
-            let offset = offset_mm + sign * beyond_mm;
-            let along = crossing_on(calibration, raster, across, offset, id)?;
-            raster.pixel(calibration, across.at(offset, along))
-        };
+        let at =
+            |beyond_mm: f64| crossing_on_px(calibration, raster, across, offset_mm + sign * beyond_mm, id);
         let mm_per_px = at(-0.5)?.distance_px(at(0.5)?).recip();
         let bound = |(share, low, high): (f64, f64, f64)| (share * half_width_px).clamp(low, high);
         let (middle, beside) = (bound(MIDDLE).round() as usize, bound(BESIDE).ceil() as usize);

@@ -8,7 +8,7 @@
 
 use crate::calibration::Calibration;
 use crate::edges::linear_light;
-use crate::face::extent::crossing_on;
+use crate::face::extent::crossing_on_px;
 use crate::face::outline::{SIDES, outward_sign};
 use crate::face::raster::PlaneRaster;
 use crate::frames::{Plane, Point};
@@ -116,11 +116,7 @@ struct Piece {
 impl<'a> Strip<'a> {
     fn new(line: &'a SideLine<'a>, id: LaserId) -> Option<Self> {
         let SideLine { calibration, raster, half_width_px, side, offset_mm, .. } = *line;
-        let at = |offset_mm: f64| {
-            let across = SIDES[side].0;
-            let along = crossing_on(calibration, raster, across, offset_mm, id)?;
-            raster.pixel(calibration, across.at(offset_mm, along))
-        };
+        let at = |offset_mm: f64| crossing_on_px(calibration, raster, SIDES[side].0, offset_mm, id);
         let (start, beyond) = (at(offset_mm)?, at(offset_mm + outward_sign(side))?);
         let stripe = StripeLine::new(calibration, id, &raster.plane);
         let walk = stripe.walk;

@@ -9,13 +9,13 @@
 
 use crate::calibration::Calibration;
 use crate::edges::linear_light;
-use crate::face::extent::{FaceStripes, crossing_lasers, crossing_on, crossing_px};
+use crate::face::extent::{FaceStripes, crossing_on_px, inner_segment};
 use crate::face::outline::{SIDES, outward_sign};
 use crate::face::raster::PlaneRaster;
 use crate::frames::{Cam, Plane};
 use crate::image::Frame;
 use crate::network::StripeLight;
-use crate::stripe::trace::{StripeLine, Walk};
+use crate::stripe::trace::Walk;
 use crate::units::{LaserId, Px};
 
 /// Half width of a stripe's middle, and where its surroundings begin: half widths of its foot, bounds in px.
@@ -49,11 +49,7 @@ impl LitLines {
     /// On the plane of a face's stripes.
     pub fn of(frame: &Frame, calibration: &Calibration, stripes: &FaceStripes) -> Self {
         let plane = &stripes.fit.plane;
-        Self(LaserId::ALL.map(|id| {
-            let [i, j] = crossing_lasers(id);
-            let inner = [crossing_px(calibration, plane, id, i)?, crossing_px(calibration, plane, id, j)?];
-            LitLine::new(frame, calibration, plane, id, inner, stripes.half_width_px)
-        }))
+        Self(LaserId::ALL.map(|id| LitLine::new(frame, calibration, plane, id, stripes.half_width_px)))
     }
 
     /// What the light of both stripes that cross a line says of it.
@@ -66,10 +62,7 @@ impl LitLines {
     ) -> StripeLight {
         let (across, _) = SIDES[side];
         let of_stripe = |id: LaserId| {
-            let at = |offset_mm: f64| {
-                let along = crossing_on(calibration, raster, across, offset_mm, id)?;
-                raster.pixel(calibration, across.at(offset_mm, along))
-            };
+            let at = |offset_mm: f64| crossing_on_px(calibration, raster, across, offset_mm, id);
             let line = self.0[id.index()].as_ref()?;
             let (at, beyond) = (at(offset_mm)?, at(offset_mm + outward_sign(side))?);
             // Running sums outwards or inwards, for light or against it.
@@ -107,25 +100,22 @@ struct LitLine {
 }
 
 impl LitLine {
-    /// `inner` are two places between which the stripe is on the face.
+    /// Between its crossings the stripe is on the face.
     fn new(
         frame: &Frame,
         calibration: &Calibration,
         plane: &Plane<Cam>,
         id: LaserId,
-        inner: [Px; 2],
         half_width_px: f64,
     ) -> Option<Self> {
-        let line = StripeLine::new(calibration, id, plane);
+        let (line, inner, crossing) = inner_segment(calibration, plane, id)?;
         let walk = line.walk;
-        let [p, q] = inner.map(|px| walk.along(px));
-        let (first, last) = (p.min(q), p.max(q));
         let [rows, columns] = match walk {
             Walk::Rows => [frame.height_px(), frame.width_px()],
             Walk::Columns => [frame.width_px(), frame.height_px()],
         };
-        let middle_row = (0.5 * (first + last)).round().clamp(0.0, rows as f64 - 1.0);
-        let start = line.place_at(calibration, middle_row, walk.across(inner[0]))?;
+        let middle_row = (0.5 * (inner.start + inner.end)).round().clamp(0.0, rows as f64 - 1.0);
+        let start = line.place_at(calibration, middle_row, walk.across(crossing))?;
         let mut found = vec![Row::default(); rows];
         let spacing = 1.0 / start.factor.max(0.3);
         let width = |(share, low, high): (f64, f64, f64)| {
@@ -149,7 +139,7 @@ impl LitLine {
             }
         }
         let of_ambient = |row: &Row| row.light / row.ambient.max(LEAST_SCATTER);
-        let inner = (first.max(0.0) as usize).min(rows)..(last.max(0.0) as usize + 1).min(rows);
+        let inner = (inner.start.max(0.0) as usize).min(rows)..(inner.end.max(0.0) as usize + 1).min(rows);
         let mut shares: Vec<f32> = found[inner].iter().filter(|row| row.seen).map(of_ambient).collect();
         if shares.is_empty() {
             return None;
@@ -248,6 +238,7 @@ fn look(frame: &Frame, walk: Walk, row: i32, centre: i32, middle: i32, beside: i
 mod tests {
     use super::super::drawn::{DISTANCE_MM, Seen, drawn, face};
     use super::*;
+    use crate::face::extent::crossing_on;
     use crate::face::raster::OnPlane;
     use nalgebra::Vector3;
 
@@ -258,12 +249,8 @@ mod tests {
     /// What the light says of a line so many px outwards of the side.
     fn at(frame: &Frame, out_px: f64) -> StripeLight {
         let (calibration, raster) = face();
-        let lines = LitLines(LaserId::ALL.map(|id| {
-            let [i, j] = crossing_lasers(id);
-            let inner =
-                [i, j].map(|other| crossing_px(&calibration, &raster.plane, id, other).expect("they cross"));
-            LitLine::new(frame, &calibration, &raster.plane, id, inner, 8.0)
-        }));
+        let lines =
+            LitLines(LaserId::ALL.map(|id| LitLine::new(frame, &calibration, &raster.plane, id, 8.0)));
         lines.at(&calibration, &raster, SIDE, OFFSET_MM + out_px * PX_MM)
     }
 
