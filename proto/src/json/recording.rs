@@ -55,6 +55,13 @@ pub struct Recording {
 }
 
 impl Recording {
+    /// The same view as a lit frame with the lasers off: `a_off` of `a`.
+    #[must_use]
+    pub fn twin_of(&self, lit: &RecordedFrame) -> Option<&RecordedFrame> {
+        let id = format!("{}_off", lit.id);
+        self.frames.iter().find(|f| f.laser == Laser::Off && f.role == lit.role && f.id == id)
+    }
+
     /// A path as the file holds it; `field` goes into the error.
     pub(crate) fn relative(&self, path: &Path, field: &str) -> Result<String, Error> {
         let text = path.strip_prefix(&self.folder).ok().and_then(Path::to_str).map(str::to_owned);

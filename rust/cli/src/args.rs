@@ -174,6 +174,12 @@ pub struct MeasureArgs {
     pub calibration: Option<PathBuf>,
     #[command(flatten)]
     pub how: How,
+    /// The same view as each frame with the lasers off, in the frames' order; a recording's own (`a_off`) are used without it
+    #[arg(long, value_name = "A_OFF.jpg", conflicts_with = "ignore_off")]
+    pub off: Vec<PathBuf>,
+    /// Do not use a recording's views with the lasers off
+    #[arg(long)]
+    pub ignore_off: bool,
     /// If all frames show sides of the same two lengths, two boxes are possible: take the first or the second
     #[arg(long, value_name = "1|2", value_parser = clap::value_parser!(u8).range(1..=2))]
     pub choose: Option<u8>,
@@ -212,6 +218,9 @@ pub struct EvaluateArgs {
     pub edges: Option<Option<EdgeName>>,
     #[command(flatten)]
     pub network: NetworkArgs,
+    /// Do not use views with the lasers off that recordings have
+    #[arg(long)]
+    pub ignore_off: bool,
     /// Use at most so many frames of each box
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u8).range(2..=3))]
     pub faces: u8,
@@ -228,6 +237,10 @@ pub struct EvaluateArgs {
     #[cfg(feature = "render")]
     #[arg(long, value_enum, default_value_t = RenderKind::Box)]
     pub kind: RenderKind,
+    /// Render each view with the lasers off too, 1/15 s later
+    #[cfg(feature = "render")]
+    #[arg(long, requires = "simulate", conflicts_with = "ignore_off")]
+    pub off: bool,
     /// What may make the rendered ones hard to measure: all, none, or names with commas between them
     #[cfg(feature = "render")]
     #[arg(long, value_name = "LIST", default_value = "all", value_parser = Hazards::parse)]

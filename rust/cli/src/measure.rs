@@ -2,11 +2,11 @@
 
 use crate::Finished;
 use crate::args::{FaceArgs, MeasureArgs, Output};
-use crate::input::{Usage, box_frames, read_frame};
+use crate::input::{Usage, add_off, box_frames, read_frame};
 use crate::overlay::{self, Headline, View};
 use crate::text;
 use boxline::{FaceOutcome, Frame, Outcome, StageTimes, measure_box_with_hints, measure_face_with_hint};
-use boxline_proto::json::{face_json, read_calibration, read_recording, report_json};
+use boxline_proto::json::{RecordedFrame, face_json, read_calibration, read_recording, report_json};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -15,9 +15,16 @@ const MEASURED: u8 = 0;
 const REFUSED: u8 = 3;
 const AMBIGUOUS: u8 = 4;
 
+/// A frame to read, and the same view with the lasers off.
+struct Source {
+    name: String,
+    file: PathBuf,
+    off: Option<PathBuf>,
+}
+
 /// Which files to read: frames with their names, the calibration, and the head that a recording names.
 struct Sources {
-    frames: Vec<(String, PathBuf)>,
+    frames: Vec<Source>,
     calibration: PathBuf,
     serial: Option<String>,
 }
@@ -25,7 +32,13 @@ struct Sources {
 /// Runs `boxline measure`.
 pub fn measure(args: &MeasureArgs) -> anyhow::Result<Finished> {
     let Sources { frames: sources, calibration, serial } = sources(args)?;
-    let inputs: Vec<&Path> = sources.iter().map(|(_, path)| path.as_path()).chain([&*calibration]).collect();
+    let inputs: Vec<&Path> = sources
+        .iter()
+        .flat_map(|source| [Some(&source.file), source.off.as_ref()])
+        .flatten()
+        .chain([&calibration])
+        .map(PathBuf::as_path)
+        .collect();
     check_overlay(&args.output, &inputs)?;
     let calibration = read_calibration(&calibration)?;
     if let Some(serial) = serial.filter(|serial| serial != calibration.serial()) {
@@ -34,8 +47,12 @@ pub fn measure(args: &MeasureArgs) -> anyhow::Result<Finished> {
             calibration.serial()
         );
     }
-    let frames: Vec<Frame> =
-        sources.par_iter().map(|(_, path)| read_frame(path)).collect::<Result<_, _>>()?;
+    let read = |source: &Source| {
+        let mut frame = read_frame(&source.file)?;
+        source.off.iter().try_for_each(|off| add_off(&mut frame, off))?;
+        Ok(frame)
+    };
+    let frames: Vec<Frame> = sources.par_iter().map(read).collect::<Result<_, boxline::Error>>()?;
     let frames: Vec<&Frame> = frames.iter().collect();
     let network = args.how.network.load(args.how.edges)?;
     let settings = args.how.settings(args.choose, network.as_ref());
@@ -47,9 +64,9 @@ pub fn measure(args: &MeasureArgs) -> anyhow::Result<Finished> {
                     == (calibration.width_px() as usize, calibration.height_px() as usize)
             };
             let culprit = frames.iter().position(|frame| !fits(frame)).unwrap_or(0);
-            e.in_context(sources[culprit].1.display())
+            e.in_context(sources[culprit].file.display())
         })?;
-    let names: Vec<&str> = sources.iter().map(|(name, _)| name.as_str()).collect();
+    let names: Vec<&str> = sources.iter().map(|source| source.name.as_str()).collect();
 
     if let Some(path) = &args.output.overlay {
         let shown = names.iter().zip(&frames).zip(&report.faces);
@@ -107,7 +124,15 @@ fn sources(args: &MeasureArgs) -> anyhow::Result<Sources> {
         [folder] => {
             let recording = read_recording(folder)?;
             let frames = box_frames(&recording)?;
-            let frames = frames.iter().map(|frame| (frame.id.clone(), frame.file.clone())).collect();
+            let source = |frame: &&RecordedFrame| Source {
+                name: frame.id.clone(),
+                file: frame.file.clone(),
+                off: recording.twin_of(frame).filter(|_| !args.ignore_off).map(|off| off.file.clone()),
+            };
+            if !args.off.is_empty() {
+                return Err(Usage("--off is for frames; a recording names its own".into()).into());
+            }
+            let frames = frames.iter().map(source).collect();
             let calibration = args.calibration.clone().unwrap_or_else(|| recording.calibration_file.clone());
             Ok(Sources { frames, calibration, serial: Some(recording.serial) })
         }
@@ -120,7 +145,17 @@ fn sources(args: &MeasureArgs) -> anyhow::Result<Sources> {
                 true => file_name(path),
                 false => path.display().to_string(),
             };
-            let frames = files.iter().map(|path| (name(path), path.clone())).collect();
+            if !args.off.is_empty() && args.off.len() != files.len() {
+                let text =
+                    format!("{} frames and {} --off, one for each is needed", files.len(), args.off.len());
+                return Err(Usage(text).into());
+            }
+            let source = |(i, path): (usize, &PathBuf)| Source {
+                name: name(path),
+                file: path.clone(),
+                off: args.off.get(i).cloned(),
+            };
+            let frames = files.iter().enumerate().map(source).collect();
             Ok(Sources { frames, calibration, serial: None })
         }
         more => {

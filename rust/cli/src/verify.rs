@@ -1,7 +1,7 @@
 //! `boxline verify`: a calibration against one known length.
 
 use crate::Finished;
-use crate::input::{box_frames, lit_faces, read_frame};
+use crate::input::{box_frames, lit_faces, read_recorded};
 use boxline::calib::uncertainty::{side_sigma_mm, usual_distance_mm};
 use boxline::{Estimate, FaceOutcome, Frame, Outcome, Settings, StageTimes, measure_box, measure_face};
 use boxline_proto::json::{read_calibration, read_recording};
@@ -46,7 +46,10 @@ pub fn verify(args: &VerifyArgs) -> anyhow::Result<Finished> {
     let mut sides: Vec<Estimate> = Vec::new();
     let mut why = String::new();
     if let Ok(recorded) = box_frames(&recording) {
-        let frames = recorded.iter().map(|frame| read_frame(&frame.file)).collect::<Result<Vec<_>, _>>()?;
+        let frames = recorded
+            .iter()
+            .map(|frame| read_recorded(&recording, frame, true))
+            .collect::<Result<Vec<_>, _>>()?;
         let frames: Vec<&Frame> = frames.iter().collect();
         let report = measure_box(&frames, &calibration, &settings, &mut StageTimes::new())?;
         match &report.outcome {
@@ -56,7 +59,7 @@ pub fn verify(args: &VerifyArgs) -> anyhow::Result<Finished> {
         }
     } else {
         for recorded in lit_faces(&recording) {
-            let frame = read_frame(&recorded.file)?;
+            let frame = read_recorded(&recording, recorded, true)?;
             match measure_face(&frame, &calibration, &settings, &mut StageTimes::new())? {
                 FaceOutcome::Measured(face) => sides.extend([face.length, face.width]),
                 FaceOutcome::Rejected(reject) => why = reject.to_string(),

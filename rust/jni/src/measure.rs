@@ -31,18 +31,24 @@ impl Workers for FrameThreads {
     }
 }
 
-/// Measures a box from two or three JPEGs. Gives the bytes of a `boxline.v1.BoxReport` whose faces are called `a`, `b` and `c`.
+/// The JPEG of a face, and of the same view with the lasers off.
+pub(crate) struct Picture<'a> {
+    pub jpeg: &'a [u8],
+    pub off: Option<&'a [u8]>,
+}
+
+/// Measures a box from two or three pictures. Gives the bytes of a `boxline.v1.BoxReport` whose faces are called `a`, `b` and `c`.
 pub(crate) fn faces(
-    jpegs: &[&[u8]],
+    pictures: &[Picture<'_>],
     calibration: &Calibration,
     stop: Option<&AtomicBool>,
 ) -> Result<Vec<u8>, Failure> {
     const NAMES: [&str; 3] = ["frameA", "frameB", "frameC"];
     let name = |i: usize| NAMES.get(i).copied().unwrap_or("a frame too many");
-    let mut decoded: Vec<_> = jpegs.iter().map(|_| None).collect();
+    let mut decoded: Vec<_> = pictures.iter().map(|_| None).collect();
     std::thread::scope(|scope| {
-        for (i, (jpeg, frame)) in jpegs.iter().zip(&mut decoded).enumerate() {
-            scope.spawn(move || *frame = Some(decode(jpeg, name(i))));
+        for (i, (picture, frame)) in pictures.iter().zip(&mut decoded).enumerate() {
+            scope.spawn(move || *frame = Some(decode(picture, name(i))));
         }
     });
     let frames: Vec<Frame> = decoded.into_iter().flatten().collect::<Result<_, _>>()?;
@@ -61,21 +67,31 @@ pub(crate) fn faces(
 /// Whether a face could be measured in frame `number`. Gives the bytes of a `boxline.v1.LiveView`; `steady` says of the view
 /// whether the head is held still.
 pub(crate) fn view(
-    jpeg: &[u8],
+    picture: &Picture<'_>,
     number: u64,
     calibration: &Calibration,
     stop: Option<&AtomicBool>,
     steady: impl FnOnce(&FaceOutcome) -> bool,
 ) -> Result<Vec<u8>, Failure> {
-    let frame = decode(jpeg, "frame")?;
+    let frame = decode(picture, "frame")?;
     let network = network::get()?;
     let settings = Settings { network: network.as_ref_dyn(), cancelled: stop, ..Settings::default() };
     let (face, hint) = measure_face_with_hint(&frame, calibration, &settings, &mut StageTimes::new())?;
     Ok(encode_live_view(&face, hint.as_ref(), steady(&face), number))
 }
 
-fn decode(jpeg: &[u8], name: &str) -> Result<Frame, Failure> {
-    Ok(Frame::from_jpeg(jpeg).map_err(|e| e.in_context(name))?)
+/// A picture with the lasers off that does not fit is left out, and told in the log: nothing is lost without it.
+fn decode(picture: &Picture<'_>, name: &str) -> Result<Frame, Failure> {
+    let decode = |jpeg, name: &str| Frame::from_jpeg(jpeg).map_err(|e| e.in_context(name));
+    let mut frame = decode(picture.jpeg, name)?;
+    if let Some(off) = picture.off {
+        let off = decode(off, &format!("{name} with the lasers off"))?;
+        match frame.add_ambient(&off) {
+            Ok(left_px) => log::debug!("{name}: with the lasers off, {left_px:?} px beside it"),
+            Err(e) => log::warn!("{name}: not used: {e}"),
+        }
+    }
+    Ok(frame)
 }
 
 /// Loads the network if this library has one, so that a broken runtime is told when a scanner is opened, not when it is

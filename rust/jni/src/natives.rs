@@ -19,9 +19,9 @@ use crate::buffer::{bytes_of_array, bytes_of_buffer};
 use crate::guard::{Failure, guard};
 use crate::handles::Handles;
 use crate::logging;
-use crate::measure::{self, STOPS, load_network, network_name, stop_sign};
+use crate::measure::{self, Picture, STOPS, load_network, network_name, stop_sign};
 use crate::recording::read_pair;
-use crate::session::{Captured, FRAMES, HEADS, Head, check_serial};
+use crate::session::{FRAMES, HEADS, Head, check_serial};
 use boxline::Calibration;
 use boxline_proto::json::{parse_calibration, report_json};
 use boxline_proto::message::decode_report;
@@ -150,9 +150,9 @@ pub extern "system" fn close_stop<'local>(env: EnvUnowned<'local>, _class: JClas
     guard(env, |_| Ok(STOPS.close(stop)?));
 }
 
-/// `static native byte[] measureBox(long calibration, ByteBuffer frameA, ByteBuffer frameB, ByteBuffer frameC, long stop)`: measures
-/// a box from two frames, or from three unless `frameC` is null. Each buffer is direct and holds one JPEG from position to limit; all
-/// stay unchanged. Gives the bytes of a `boxline.v1.BoxReport` whose faces are called `a`, `b` and `c`.
+/// `static native byte[] measureBox(long calibration, ByteBuffer frameA, ByteBuffer frameB, ByteBuffer frameC, ByteBuffer offA, ByteBuffer
+/// offB, ByteBuffer offC, long stop)`: measures a box from two frames, or from three unless `frameC` is null; of each the same view with
+/// the lasers off, or null. Each buffer is direct and holds one JPEG from position to limit; all stay unchanged. Gives the bytes of a `boxline.v1.BoxReport` whose faces are called `a`, `b` and `c`.
 #[jni_mangle("dev.boxline.internal.Native")]
 pub extern "system" fn measure_box<'local>(
     env: EnvUnowned<'local>,
@@ -161,16 +161,29 @@ pub extern "system" fn measure_box<'local>(
     frame_a: JByteBuffer<'local>,
     frame_b: JByteBuffer<'local>,
     frame_c: JByteBuffer<'local>,
+    off_a: JByteBuffer<'local>,
+    off_b: JByteBuffer<'local>,
+    off_c: JByteBuffer<'local>,
     stop: jlong,
 ) -> JByteArray<'local> {
     guard(env, |env| {
         let calibration = CALIBRATIONS.get(calibration)?;
         let stop = stop_sign(stop)?;
-        let (a, b) = (bytes_of_buffer(env, &frame_a, "frameA")?, bytes_of_buffer(env, &frame_b, "frameB")?);
-        let c = if frame_c.is_null() { None } else { Some(bytes_of_buffer(env, &frame_c, "frameC")?) };
-        let jpegs: Vec<&[u8]> =
-            [Some(&a), Some(&b), c.as_ref()].into_iter().flatten().map(|j| &**j).collect();
-        Ok(env.byte_array_from_slice(&measure::faces(&jpegs, &calibration, stop.as_deref())?)?)
+        let faces = [
+            (&frame_a, "frameA", &off_a, "offA"),
+            (&frame_b, "frameB", &off_b, "offB"),
+            (&frame_c, "frameC", &off_c, "offC"),
+        ];
+        let given = if frame_c.is_null() { 2 } else { 3 };
+        let mut bytes = Vec::new();
+        for (frame, name, off, off_name) in faces.into_iter().take(given) {
+            let jpeg = bytes_of_buffer(env, frame, name)?;
+            let off = if off.is_null() { None } else { Some(bytes_of_buffer(env, off, off_name)?) };
+            bytes.push((jpeg, off));
+        }
+        let pictures: Vec<Picture<'_>> =
+            bytes.iter().map(|(jpeg, off)| Picture { jpeg, off: off.as_deref() }).collect();
+        Ok(env.byte_array_from_slice(&measure::faces(&pictures, &calibration, stop.as_deref())?)?)
     })
 }
 
@@ -188,7 +201,13 @@ pub extern "system" fn view_frame<'local>(
         let calibration = CALIBRATIONS.get(calibration)?;
         let stop = stop_sign(stop)?;
         let jpeg = bytes_of_buffer(env, &frame, "frame")?;
-        Ok(env.byte_array_from_slice(&measure::view(&jpeg, 0, &calibration, stop.as_deref(), |_| false)?)?)
+        Ok(env.byte_array_from_slice(&measure::view(
+            &Picture { jpeg: &jpeg, off: None },
+            0,
+            &calibration,
+            stop.as_deref(),
+            |_| false,
+        )?)?)
     })
 }
 
@@ -297,7 +316,7 @@ pub extern "system" fn live_view<'local>(
         let (number, frame) = head.lit_frame(after, stop.as_deref())?;
         let steady = |face: &_| head.steady(face);
         Ok(env.byte_array_from_slice(&measure::view(
-            &frame.jpeg,
+            &Picture { jpeg: &frame.jpeg, off: None },
             number,
             &calibration,
             stop.as_deref(),
@@ -306,7 +325,8 @@ pub extern "system" fn live_view<'local>(
     })
 }
 
-/// `static native long captureFrame(long head, long stop)`: the next frame that all lasers lit, kept until `closeFrame`.
+/// `static native long captureFrame(long head, long stop)`: the next frame that all lasers lit and one with them off right
+/// after it, kept until `closeFrame`.
 #[jni_mangle("dev.boxline.internal.Native")]
 pub extern "system" fn capture_frame<'local>(
     env: EnvUnowned<'local>,
@@ -317,8 +337,7 @@ pub extern "system" fn capture_frame<'local>(
     guard(env, |_| {
         let head = HEADS.get(head)?;
         let stop = stop_sign(stop)?;
-        let (_, frame) = head.lit_frame(head.newest(), stop.as_deref())?;
-        Ok(FRAMES.open(Captured { jpeg: frame.jpeg.clone(), serial: head.serial.clone() }))
+        Ok(FRAMES.open(head.capture(stop.as_deref())?))
     })
 }
 
@@ -355,7 +374,8 @@ pub extern "system" fn view_captured<'local>(
         let frame = FRAMES.get(frame)?;
         check_serial(&frame.serial, &calibration)?;
         let stop = stop_sign(stop)?;
-        let view = measure::view(&frame.jpeg, 0, &calibration, stop.as_deref(), |_| false)?;
+        let picture = Picture { jpeg: &frame.jpeg, off: frame.off.as_deref() };
+        let view = measure::view(&picture, 0, &calibration, stop.as_deref(), |_| false)?;
         Ok(env.byte_array_from_slice(&view)?)
     })
 }
@@ -378,8 +398,9 @@ pub extern "system" fn measure_frames<'local>(
         let frames: Vec<_> =
             handles.into_iter().map(|handle| FRAMES.get(handle)).collect::<Result<_, _>>()?;
         frames.iter().try_for_each(|frame| check_serial(&frame.serial, &calibration))?;
-        let jpegs: Vec<&[u8]> = frames.iter().map(|frame| &*frame.jpeg).collect();
-        let report = measure::faces(&jpegs, &calibration, stop.as_deref())?;
+        let pictures: Vec<Picture<'_>> =
+            frames.iter().map(|frame| Picture { jpeg: &frame.jpeg, off: frame.off.as_deref() }).collect();
+        let report = measure::faces(&pictures, &calibration, stop.as_deref())?;
         Ok(env.byte_array_from_slice(&report)?)
     })
 }

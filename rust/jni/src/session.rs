@@ -28,6 +28,8 @@ const FRAME_LIMIT: Duration = Duration::from_secs(3);
 /// A frame with the head that took it.
 pub(crate) struct Captured {
     pub jpeg: Vec<u8>,
+    /// The same view with the lasers off.
+    pub off: Option<Vec<u8>>,
     pub serial: String,
 }
 
@@ -154,8 +156,35 @@ impl Head {
         lock(&self.shared.steadiness).next(view, Instant::now())
     }
 
+    /// The next frame that all lasers lit, and one without them right after it, if the head gives one.
+    pub fn capture(&self, stop: Option<&AtomicBool>) -> Result<Captured, Failure> {
+        let (number, lit) = self.lit_frame(self.newest(), stop)?;
+        self.device.set_lasers(Lasers::OFF)?;
+        let off = self.frame_with(Lasers::OFF, number, stop);
+        self.device.set_lasers(Lasers::ALL)?;
+        let off = match off {
+            Ok((_, frame)) => Some(frame.jpeg.clone()),
+            Err(Failure::Cancelled) => return Err(Failure::Cancelled),
+            Err(failure) => {
+                log::warn!("no picture with the lasers off: {failure:?}");
+                None
+            }
+        };
+        Ok(Captured { jpeg: lit.jpeg.clone(), off, serial: self.serial.clone() })
+    }
+
     /// The newest frame that is later than number `after` and was lit by all lasers from beginning to end.
     pub fn lit_frame(&self, after: u64, stop: Option<&AtomicBool>) -> Result<(u64, Arc<Frame>), Failure> {
+        self.frame_with(Lasers::ALL, after, stop)
+    }
+
+    /// The newest frame that is later than number `after` and saw these lasers from beginning to end, and no others.
+    fn frame_with(
+        &self,
+        lasers: Lasers,
+        after: u64,
+        stop: Option<&AtomicBool>,
+    ) -> Result<(u64, Arc<Frame>), Failure> {
         let mut last = after;
         let mut waited_until = Instant::now() + FRAME_LIMIT;
         let mut first = None;
@@ -187,11 +216,14 @@ impl Head {
                 let text = "its frames do not say which lasers were on (uvc/PROTOCOL.md, \"Frame tag\")";
                 return Err(Error::new(ErrorKind::Unsupported, text).into());
             };
-            if tag.lasers == Lasers::ALL.bits() && !tag.switched {
+            if tag.lasers == lasers.bits() && !tag.switched {
                 return Ok((number, frame));
             }
             if number - *first.get_or_insert(number) > SWITCH_FRAMES {
-                let text = format!("lasers are on and do not show in {SWITCH_FRAMES} frames");
+                let text = format!(
+                    "lasers {:04b} were asked for and do not show in {SWITCH_FRAMES} frames",
+                    lasers.bits()
+                );
                 return Err(Error::new(ErrorKind::Protocol, text).into());
             }
             last = number;

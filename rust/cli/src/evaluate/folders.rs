@@ -28,7 +28,7 @@ pub fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Finished> {
                 Some(calibration) => calibration.clone(),
                 None => read_calibration(&recording.calibration_file)?,
             };
-            let recorded = Recorded::read(recording, truth)?.with_faces(args.faces);
+            let recorded = Recorded::read(recording, truth, !args.ignore_off)?.with_faces(args.faces);
             let judge = |&method| {
                 let settings = args.network.settings(method, edges, network.as_ref());
                 recorded.judge(&calibration, &settings, method)

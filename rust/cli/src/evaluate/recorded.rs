@@ -1,7 +1,7 @@
 //! Recordings with known truth, decoded and judged: from folders, or made by the renderer without one.
 
 use super::score::{BoxScore, FaceScore, RecordingScore};
-use crate::input::{Usage, box_frames, lit_faces, read_frame};
+use crate::input::{Usage, box_frames, lit_faces, read_recorded};
 use boxline::{
     Calibration, Error, ErrorKind, Frame, Method, Settings, StageTimes, measure_box, measure_face,
 };
@@ -93,9 +93,9 @@ pub struct Recorded {
 }
 
 impl Recorded {
-    /// Reads the frames from their files.
-    pub fn read(recording: &Recording, truth: &Truth) -> Result<Self, Error> {
-        Self::decode(recording, truth, |frame| read_frame(&frame.file))
+    /// Reads the frames from their files, with the views with the lasers off if they are wanted.
+    pub fn read(recording: &Recording, truth: &Truth, with_off: bool) -> Result<Self, Error> {
+        Self::decode(recording, truth, |frame| read_recorded(recording, frame, with_off))
     }
 
     /// Takes the frames from where `read` finds them.

@@ -55,6 +55,8 @@ pub struct Made {
     pub photos: Option<String>,
     /// Serial number of the head whose calibration replaced the recordings' own.
     pub calibration: Option<String>,
+    /// Whether views with the lasers off are used where there are any.
+    pub off: bool,
     pub method: String,
     pub edges: String,
     /// `embedded`, or the hash of a model file.
@@ -453,6 +455,7 @@ mod tests {
             hazards: Some("all".into()),
             photos: None,
             calibration: None,
+            off: true,
             method: "fit".into(),
             edges: "net".into(),
             network: "embedded".into(),

@@ -231,6 +231,7 @@ impl Bench<'_> {
             hazards: None,
             photos: None,
             calibration: self.calibration.as_ref().map(|c| c.serial().to_owned()),
+            off: !args.ignore_off,
             method: method_name(self.method).into(),
             edges: value_name(args.edges.flatten().unwrap_or_default()),
             network,
@@ -240,6 +241,7 @@ impl Bench<'_> {
         #[cfg(feature = "render")]
         if let Some(stock) = &self.stock {
             made.source = value_name(args.kind);
+            made.off = args.off;
             made.hazards = Some(args.hazards.to_string());
             let mut names = Sha256::new();
             stock.photos.all.iter().for_each(|photo| names.update(format!("{}\n", photo.name)));
@@ -258,13 +260,13 @@ impl Bench<'_> {
                     Some(calibration) => calibration.clone(),
                     None => read_calibration(&recording.calibration_file)?,
                 };
-                (Recorded::read(recording, truth)?, calibration, None)
+                (Recorded::read(recording, truth, !self.args.ignore_off)?, calibration, None)
             }
             #[cfg(feature = "render")]
             What::Seed(seed) => {
                 let stock = self.stock.as_ref().context("no stock to render from")?;
                 let (recorded, calibration) =
-                    simulated::recorded(&job.name, self.args.kind.of(1), *seed, stock)?;
+                    simulated::recorded(&job.name, self.args.kind.of(1), *seed, self.args.off, stock)?;
                 (recorded, calibration, Some(*seed))
             }
         };

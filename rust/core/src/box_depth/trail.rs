@@ -312,7 +312,7 @@ impl Paper<'_> {
                 let at = step.at + step.along * row as f64 + step.across * (k as f64 - reach as f64);
                 let (u, v) = (at.x.round().max(0.0) as usize, at.y.round().max(0.0) as usize);
                 let index = v.min(height - 1) * width + u.min(width - 1);
-                value += f64::from(self.tint.at(self.frame.rgb(), index));
+                value += f64::from(self.tint.at(self.frame.stripe_rgb(), index));
             }
             sums[k + 1] = sums[k] + value / PLACE_PX as f64;
         }

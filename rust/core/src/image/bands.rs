@@ -163,7 +163,7 @@ fn add_colours(sums: &mut [u16], frame: &Frame, band: usize, diagonal: Diagonal)
             Diagonal::Down => row / 2,
             Diagonal::Up => ALONG - 1 - row / 2,
         };
-        &frame.rgb()[(band * ROWS + row) * frame.width_px() * 3 + 6 * shift..][..n]
+        &frame.stripe_rgb()[(band * ROWS + row) * frame.width_px() * 3 + 6 * shift..][..n]
     });
     // Ten bytes fit; unchecked it becomes vector code.
     let add = |x: u8, y: u8| u16::from(x).wrapping_add(u16::from(y));

@@ -4,6 +4,7 @@ pub(crate) mod bands;
 mod jpeg;
 pub(crate) mod redness;
 pub mod small;
+mod twin;
 
 use crate::error::{Error, ErrorKind};
 
@@ -13,6 +14,8 @@ pub struct Frame {
     width_px: usize,
     height_px: usize,
     rgb: Vec<u8>,
+    /// What the lasers add, three bytes a pixel: [`Frame::add_ambient`].
+    laser_light: Option<Vec<u8>>,
 }
 
 impl std::fmt::Debug for Frame {
@@ -77,7 +80,7 @@ impl Frame {
                 format!("{} bytes for {width_px} x {height_px} px, {needed} are needed", rgb.len()),
             ));
         }
-        Ok(Self { width_px, height_px, rgb })
+        Ok(Self { width_px, height_px, rgb, laser_light: None })
     }
 
     /// Width in px.

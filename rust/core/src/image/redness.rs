@@ -83,8 +83,8 @@ pub(crate) fn half_redness(frame: &Frame) -> (usize, usize, Vec<i16>) {
     let stride = frame.width_px() * 3;
     let mut out = vec![0i16; w * h];
     for (j, row) in out.chunks_exact_mut(w).enumerate() {
-        let top = &frame.rgb()[2 * j * stride..][..w * 6];
-        let bottom = &frame.rgb()[(2 * j + 1) * stride..][..w * 6];
+        let top = &frame.stripe_rgb()[2 * j * stride..][..w * 6];
+        let bottom = &frame.stripe_rgb()[(2 * j + 1) * stride..][..w * 6];
         // Pixels are taken by words of eight bytes, two pixels and two bytes more, each byte with 16 bits to itself.
         let words = top.windows(8).step_by(6).zip(bottom.windows(8).step_by(6));
         for (o, (t, b)) in row.iter_mut().zip(words) {

@@ -6,8 +6,8 @@
 //! protrudes shows the foot of its wall at the line, its edge farther out. So both stripes must jump at the line, to one height, with the
 //! foot below that edge elsewhere.
 
+use super::lit::red_light;
 use crate::calibration::Calibration;
-use crate::edges::linear_light;
 use crate::face::extent::crossing_on_px;
 use crate::face::outline::{SIDES, outward_sign};
 use crate::face::raster::PlaneRaster;
@@ -157,7 +157,7 @@ impl<'a> Strip<'a> {
         let red = |column: i32| {
             let (u, v) = if self.walk == Walk::Rows { (column, row) } else { (row, column) };
             let at = 3 * (v as usize * size[0] as usize + u as usize);
-            linear_light()[usize::from(frame.rgb()[at])] / 255.0
+            red_light(frame, at)[0]
         };
         // Running sums from the innermost column on.
         let inner = self.nearest() - self.beside - BESIDE_PX;

@@ -181,6 +181,15 @@ impl Row {
     }
 }
 
+/// Linear red of a pixel, share of full scale: the lasers' alone and the rest, if the frame has its twin, else all of it and none. `at`: the
+/// index of the pixel's first byte.
+#[inline]
+pub(super) fn red_light(frame: &Frame, at: usize) -> [f32; 2] {
+    let linear = |level: u8| linear_light()[usize::from(level)] / 255.0;
+    let ambient = frame.ambient_red(at).map_or(0.0, linear);
+    [linear(frame.rgb()[at]) - ambient, ambient]
+}
+
 /// A row across a stripe's line; not seen near the picture's border.
 fn look(frame: &Frame, walk: Walk, row: i32, centre: i32, middle: i32, beside: i32) -> Row {
     let (width, columns) = match walk {
@@ -193,20 +202,19 @@ fn look(frame: &Frame, walk: Walk, row: i32, centre: i32, middle: i32, beside: i
     if !(inside(centre - beside - BESIDE_PX) && inside(centre + beside + BESIDE_PX)) {
         return Row::default();
     }
-    let red = |column: i32| {
-        let pixel = match walk {
-            Walk::Rows => row as usize * width + column as usize,
-            Walk::Columns => column as usize * width + row as usize,
-        };
-        linear_light()[usize::from(frame.rgb()[3 * pixel])] / 255.0
+    let at = |column: i32| match walk {
+        Walk::Rows => 3 * (row as usize * width + column as usize),
+        Walk::Columns => 3 * (column as usize * width + row as usize),
     };
+    let red = |column: i32| red_light(frame, at(column))[0];
     let mean = |from: i32, to: i32| (from..=to).map(red).sum::<f32>() / (to - from + 1) as f32;
     let [left, right] = [
         mean(centre - beside - BESIDE_PX, centre - beside),
         mean(centre + beside, centre + beside + BESIDE_PX),
     ];
-    let ambient = left.max(right);
-    let light = mean(centre - middle, centre + middle) - ambient;
+    let light = mean(centre - middle, centre + middle) - left.max(right);
+    let unlit = (centre - middle..=centre + middle).map(|column| red_light(frame, at(column))[1]);
+    let ambient = if frame.has_ambient() { unlit.sum::<f32>() / step as f32 } else { left.max(right) };
     // The same at places where the stripe is not.
     let mut others: Vec<f32> = Vec::with_capacity(2 * PLACES as usize);
     let low = (centre - reach).max(0);

@@ -134,7 +134,7 @@ fn crossings(
                     return None;
                 }
                 let index = (row * along_stride + at as usize * across_stride) * 3;
-                let p = frame.rgb().get(index..index + 3)?;
+                let p = frame.stripe_rgb().get(index..index + 3)?;
                 sum = [sum[0] + u32::from(p[0]), sum[1] + u32::from(p[1]), sum[2] + u32::from(p[2])];
             }
             Some(Vector3::from(sum.map(f64::from)) / count)

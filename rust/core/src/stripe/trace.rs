@@ -302,7 +302,7 @@ pub(crate) fn trace_again(
 ///
 /// Colours are added first and mixed once: whole rows of bytes at once.
 fn add_profiles(sums: &mut [u16], frame: &Frame, walk: Walk, first: usize, begins: &[usize]) {
-    let (rgb, width) = (frame.rgb(), frame.width_px());
+    let (rgb, width) = (frame.stripe_rgb(), frame.width_px());
     let add = |sums: &mut [u16], bytes: &[u8]| {
         for (sum, byte) in sums.iter_mut().zip(bytes) {
             *sum = sum.wrapping_add(u16::from(*byte)); // MOST_ROWS fit
@@ -374,7 +374,7 @@ pub(crate) fn measure_half_width_px(
             if here > reach && here + reach + 1.0 < across_size as f64 {
                 for (k, s) in colours.iter_mut().enumerate() {
                     let at = (here - reach + k as f64 * spacing + 0.5) as usize;
-                    let p = &frame.rgb()[(row * along_stride + at * across_stride) * 3..][..3];
+                    let p = &frame.stripe_rgb()[(row * along_stride + at * across_stride) * 3..][..3];
                     *s = [s[0] + u32::from(p[0]), s[1] + u32::from(p[1]), s[2] + u32::from(p[2])];
                 }
                 count += 1.0;

@@ -257,7 +257,7 @@ impl Bench {
         let mut found = Vec::new();
         for (recording, truth) in recordings_in(folder)? {
             let calibration = read_calibration(&recording.calibration_file)?;
-            let recorded = Recorded::read(&recording, &truth)?;
+            let recorded = Recorded::read(&recording, &truth, false)?;
             let mut boxes = Vec::with_capacity(self.ways.len());
             for way in &self.ways {
                 let settings = self.nets[0].settings(way);

@@ -141,7 +141,7 @@ pub fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Finished> {
             Some(file) => read_calibration(file)?,
             None => read_calibration(&recording.calibration_file)?,
         };
-        let recorded = Recorded::read(recording, truth)?;
+        let recorded = Recorded::read(recording, truth, false)?; // a view with the lasers off would have to change with it
         progress.set_message(recorded.name.clone());
         let bench = Bench { args, method, networks: &networks, progress: &progress };
         for subject in subjects(&recorded, &calibration) {

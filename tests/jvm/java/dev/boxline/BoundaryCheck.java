@@ -68,7 +68,7 @@ public final class BoundaryCheck {
     private byte[] measure() {
         long handle = Native.openCalibration(calibration);
         try {
-            return Native.measureBox(handle, frameA, frameB, null, 0);
+            return Native.measureBox(handle, frameA, frameB, null, null, null, null, 0);
         } finally {
             Native.closeCalibration(handle);
         }
@@ -82,7 +82,7 @@ public final class BoundaryCheck {
         larger.limit(larger.position());
         larger.position(100);
         long handle = Native.openCalibration(calibration);
-        same(true, Arrays.equals(measured, Native.measureBox(handle, larger, frameB, null, 0)));
+        same(true, Arrays.equals(measured, Native.measureBox(handle, larger, frameB, null, null, null, null, 0)));
         Native.closeCalibration(handle);
         same(100, larger.position());
         same(100 + frameA.capacity(), larger.limit());
@@ -142,7 +142,7 @@ public final class BoundaryCheck {
         }
         // Well-formed, but for another camera.
         long other = Native.openCalibration(text.replace("2592", "1296").getBytes(java.nio.charset.StandardCharsets.UTF_8));
-        failsWith(ScannerConfigException.class, "2592", () -> Native.measureBox(other, frameA, frameB, null, 0));
+        failsWith(ScannerConfigException.class, "2592", () -> Native.measureBox(other, frameA, frameB, null, null, null, null, 0));
         Native.closeCalibration(other);
     }
 
@@ -153,8 +153,9 @@ public final class BoundaryCheck {
         ByteBuffer cut = direct(Arrays.copyOf(whole, whole.length / 2));
         ByteBuffer noise = direct("not a picture".getBytes());
         for (ByteBuffer broken : List.of(empty, cut, noise, frameA.duplicate().position(frameA.limit()))) {
-            failsWith(InvalidFrameException.class, "frameA: ", () -> Native.measureBox(handle, broken, frameB, null, 0));
-            failsWith(InvalidFrameException.class, "frameB: ", () -> Native.measureBox(handle, frameA, broken, null, 0));
+            failsWith(InvalidFrameException.class, "frameA: ", () -> Native.measureBox(handle, broken, frameB, null, null, null, null, 0));
+            failsWith(InvalidFrameException.class, "frameA with the lasers off: ", () -> Native.measureBox(handle, frameA, frameB, null, broken, null, null, 0));
+            failsWith(InvalidFrameException.class, "frameB: ", () -> Native.measureBox(handle, frameA, broken, null, null, null, null, 0));
         }
         Native.closeCalibration(handle);
     }
@@ -162,13 +163,14 @@ public final class BoundaryCheck {
     private void wrongArguments() {
         long handle = Native.openCalibration(calibration);
         fails(NullPointerException.class, "json is null", () -> Native.openCalibration(null));
-        fails(NullPointerException.class, "frameA is null", () -> Native.measureBox(handle, null, frameB, null, 0));
-        fails(NullPointerException.class, "frameB is null", () -> Native.measureBox(handle, frameA, null, null, 0));
+        fails(NullPointerException.class, "frameA is null", () -> Native.measureBox(handle, null, frameB, null, null, null, null, 0));
+        fails(NullPointerException.class, "frameB is null", () -> Native.measureBox(handle, frameA, null, null, null, null, null, 0));
         ByteBuffer onHeap = ByteBuffer.wrap(bytes(frameA));
         Class<IllegalArgumentException> wrong = IllegalArgumentException.class;
-        failsWith(wrong, "frameA is not a direct buffer", () -> Native.measureBox(handle, onHeap, frameB, null, 0));
-        failsWith(wrong, "frameB is not a direct buffer", () -> Native.measureBox(handle, frameA, onHeap, null, 0));
-        failsWith(wrong, "frameC is not a direct buffer", () -> Native.measureBox(handle, frameA, frameB, onHeap, 0));
+        failsWith(wrong, "frameA is not a direct buffer", () -> Native.measureBox(handle, onHeap, frameB, null, null, null, null, 0));
+        failsWith(wrong, "frameB is not a direct buffer", () -> Native.measureBox(handle, frameA, onHeap, null, null, null, null, 0));
+        failsWith(wrong, "offB is not a direct buffer", () -> Native.measureBox(handle, frameA, frameB, null, null, onHeap, null, 0));
+        failsWith(wrong, "frameC is not a direct buffer", () -> Native.measureBox(handle, frameA, frameB, onHeap, null, null, null, 0));
         Native.closeCalibration(handle);
     }
 
@@ -177,14 +179,14 @@ public final class BoundaryCheck {
         Native.closeCalibration(handle);
         Native.closeCalibration(handle); // does nothing
         Class<IllegalStateException> state = IllegalStateException.class;
-        fails(state, "handle " + handle + " is closed", () -> Native.measureBox(handle, frameA, frameB, null, 0));
+        fails(state, "handle " + handle + " is closed", () -> Native.measureBox(handle, frameA, frameB, null, null, null, null, 0));
         for (long never : new long[] {0, -1, handle + 1, Long.MAX_VALUE, Long.MIN_VALUE}) {
             String text = "handle " + never + " was never opened";
-            fails(state, text, () -> Native.measureBox(never, frameA, frameB, null, 0));
+            fails(state, text, () -> Native.measureBox(never, frameA, frameB, null, null, null, null, 0));
             fails(state, text, () -> Native.closeCalibration(never));
         }
         long next = Native.openCalibration(calibration);
-        fails(state, "handle " + handle + " is closed", () -> Native.measureBox(handle, frameA, frameB, null, 0));
+        fails(state, "handle " + handle + " is closed", () -> Native.measureBox(handle, frameA, frameB, null, null, null, null, 0));
         Native.closeCalibration(handle); // must not close the new one
         same(1, NativeTesting.openHandles());
         Native.closeCalibration(next);

@@ -21,9 +21,18 @@ public final class Native {
     public static native void closeStop(long stop);
 
     /**
-     * Measures a box from two frames. Each buffer is direct and holds one JPEG from position to limit.
+     * Measures a box from two or three frames, each with or without (null) the same view with the lasers off. Each buffer is direct and
+     * holds one JPEG from position to limit.
      *
      * @return the bytes of a boxline.v1.BoxReport
      */
-    public static native byte[] measureBox(long handle, ByteBuffer frameA, ByteBuffer frameB, ByteBuffer frameC, long stop);
+    public static native byte[] measureBox(
+            long handle,
+            ByteBuffer frameA,
+            ByteBuffer frameB,
+            ByteBuffer frameC,
+            ByteBuffer offA,
+            ByteBuffer offB,
+            ByteBuffer offC,
+            long stop);
 }

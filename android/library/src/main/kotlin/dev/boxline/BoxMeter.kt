@@ -62,16 +62,26 @@ public class BoxMeter private constructor(
      * @throws InvalidFrameException if a buffer holds no whole JPEG
      * @throws ScannerConfigException if the pictures have another size than the calibration's
      */
-    public suspend fun measureBox(frameA: ByteBuffer, frameB: ByteBuffer): MeasureResult = result {
-        measureResult(measuring.call { stop -> Native.measureBox(calibration, frameA, frameB, null, stop) })
-    }
+    public suspend fun measureBox(frameA: ByteBuffer, frameB: ByteBuffer): MeasureResult =
+        measureBox(listOf(Picture(frameA), Picture(frameB)))
 
     /**
      * The same from pictures of three adjacent faces, in which every side is seen twice: it measures boxes that two pictures leave open
      * ([MeasureResult.Rejected.thirdFaceHelps], [MeasureResult.Ambiguous]). A third picture that cannot be measured does no harm.
      */
-    public suspend fun measureBox(frameA: ByteBuffer, frameB: ByteBuffer, frameC: ByteBuffer): MeasureResult = result {
-        measureResult(measuring.call { stop -> Native.measureBox(calibration, frameA, frameB, frameC, stop) })
+    public suspend fun measureBox(frameA: ByteBuffer, frameB: ByteBuffer, frameC: ByteBuffer): MeasureResult =
+        measureBox(listOf(Picture(frameA), Picture(frameB), Picture(frameC)))
+
+    /**
+     * The same from two or three pictures, each with the same view with the lasers off if there is one: more boxes are measured then, since
+     * no print is taken for a stripe. One that does not fit its picture is left out. [captureFace] takes both by itself.
+     */
+    public suspend fun measureBox(pictures: List<Picture>): MeasureResult = result {
+        require(pictures.size in 2..3) { "two or three pictures are needed, there are ${pictures.size}" }
+        val (a, b) = pictures
+        val c = pictures.getOrNull(2)
+        val report = measuring.call { stop -> Native.measureBox(calibration, a.lit, b.lit, c?.lit, a.off, b.off, c?.off, stop) }
+        measureResult(report)
     }
 
     /** Whether a face could be measured in this picture, and if not, why. Exceptions as [measureBox]. */

@@ -23,6 +23,9 @@ public class BoxMeterFutures(private val meter: BoxMeter) : AutoCloseable {
     public fun measureBox(frameA: ByteBuffer, frameB: ByteBuffer, frameC: ByteBuffer): CompletableFuture<MeasureResult> =
         scope.future { meter.measureBox(frameA, frameB, frameC) }
 
+    /** As [BoxMeter.measureBox] with the lasers off too. */
+    public fun measureBox(pictures: List<Picture>): CompletableFuture<MeasureResult> = scope.future { meter.measureBox(pictures) }
+
     /** As [BoxMeter.view]. */
     public fun view(frame: ByteBuffer): CompletableFuture<FaceView> = scope.future { meter.view(frame) }
 

@@ -17,7 +17,7 @@ class MeasureTest {
     @Test
     fun `a pair gives the numbers of the command line, digit by digit`(): Unit = runBlocking {
         BoxMeter.open(Recordings.calibration).use { meter ->
-            val result = meter.measureBox(Recordings.frame("b02", "a"), Recordings.frame("b02", "b"))
+            val result = meter.measureBox(Recordings.pictures("b02"))
             val size = (result as MeasureResult.Measured).size
             val json = result.record.toJson()
             println("ROW ${BoxMeter.version()} | ${size.length.value.value} | ${size.width.value.value} | ${size.height.value.value}")
@@ -46,13 +46,23 @@ class MeasureTest {
     @Test
     fun `a recording gives the same as its pictures`(): Unit = runBlocking {
         val byPictures = BoxMeter.open(Recordings.calibration).use { meter ->
-            meter.measureBox(Recordings.frame("b02", "a"), Recordings.frame("b02", "b")) as MeasureResult.Measured
+            meter.measureBox(Recordings.pictures("b02")) as MeasureResult.Measured
         }
         BoxMeter.openRecording(Recordings.folder("b02")).use { meter ->
             assertEquals(2, meter.state.value.captured)
             val measured = meter.measure() as MeasureResult.Measured
             assertEquals(byPictures.size, measured.size)
             assertEquals(Recordings.frame("b02", "a").remaining(), meter.capturedJpeg(0)?.size)
+        }
+    }
+
+    @Test
+    fun `a picture with the lasers off that shows another face is left out`(): Unit = runBlocking {
+        BoxMeter.open(Recordings.calibration).use { meter ->
+            val (a, b) = listOf("a", "b").map { Recordings.frame("b02", it) }
+            val wrong = meter.measureBox(listOf(Picture(a, Recordings.frame("b02", "b_off")), Picture(b)))
+            val without = meter.measureBox(a, b)
+            assertEquals((without as MeasureResult.Measured).size, (wrong as MeasureResult.Measured).size)
         }
     }
 

@@ -33,8 +33,17 @@ internal object Native {
     /** Calibration, first and second frame. */
     @JvmStatic external fun openRecording(folder: String): LongArray
 
-    /** From two frames, or three. */
-    @JvmStatic external fun measureBox(calibration: Long, frameA: ByteBuffer, frameB: ByteBuffer, frameC: ByteBuffer?, stop: Long): ByteArray
+    /** From two frames, or three, each with or without the same view with the lasers off. */
+    @JvmStatic external fun measureBox(
+        calibration: Long,
+        frameA: ByteBuffer,
+        frameB: ByteBuffer,
+        frameC: ByteBuffer?,
+        offA: ByteBuffer?,
+        offB: ByteBuffer?,
+        offC: ByteBuffer?,
+        stop: Long,
+    ): ByteArray
 
     @JvmStatic external fun viewFrame(calibration: Long, frame: ByteBuffer, stop: Long): ByteArray
 

@@ -1,5 +1,6 @@
 package dev.boxline.testing
 
+import dev.boxline.Picture
 import dev.boxline.internal.NativeTesting
 import java.io.File
 import java.nio.ByteBuffer
@@ -13,6 +14,9 @@ internal object Recordings {
     fun folder(name: String): File = File(data, name)
 
     fun frame(name: String, frame: String): ByteBuffer = direct(File(folder(name), "$frame.jpg").readBytes())
+
+    /** Both faces of a box, each with the lasers off too. */
+    fun pictures(name: String): List<Picture> = listOf("a", "b").map { Picture(frame(name, it), frame(name, "${it}_off")) }
 }
 
 internal fun direct(bytes: ByteArray): ByteBuffer =
