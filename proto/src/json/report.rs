@@ -6,8 +6,8 @@
 use boxline::feasibility::Move;
 use boxline::measurement::FaceMeasurement;
 use boxline::{
-    BoxMeasurement, BoxReport, Candidate, Estimate, FaceOutcome, Hint, Outcome, Px, Reject, Straightness,
-    SurfacePoint, Volume, Warning,
+    BoxMeasurement, BoxReport, Candidate, Estimate, FaceOutcome, Hint, Outcome, Px, Reject, SideLight,
+    Straightness, SurfacePoint, Volume, Warning,
 };
 use serde_json::{Map, Value, json};
 
@@ -122,6 +122,7 @@ fn face_entry(face: &FaceOutcome, hint: Option<&Hint>, frame_id: &str) -> Value 
         "reject": reject.map(reject_entry),
         "surface_mm": face.map_or_else(Vec::new, |f| f.surface.iter().map(surface_point).collect()),
         "straightness_mm": face.map_or_else(Vec::new, |f| f.straightness.iter().map(straightness_entry).collect()),
+        "light": face.and_then(|f| f.light).map(|light| light.map(SideLight::name)),
         "enclosing_mm": face.map(|f| json!({"length": estimate(f.enclosing[0]), "width": estimate(f.enclosing[1])})),
         "hint": hint.map(hint_entry),
         "confidence": face.and_then(|f| f.confidence),

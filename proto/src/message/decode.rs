@@ -8,8 +8,8 @@ use boxline::frames::{Plane, Point};
 use boxline::measurement::FaceMeasurement;
 use boxline::{
     AngleEstimate, BoxMeasurement, BoxReport, Calibration, CameraModel, Candidate, DepthSeen, Error,
-    ErrorKind, Estimate, FaceOutcome, Hint, LaserId, Outcome, Px, Reject, Straightness, SurfacePoint, Volume,
-    Warning, WarningKind,
+    ErrorKind, Estimate, FaceOutcome, Hint, LaserId, Outcome, Px, Reject, SideLight, Straightness,
+    SurfacePoint, Volume, Warning, WarningKind,
 };
 use nalgebra::Vector3;
 use std::path::Path;
@@ -100,6 +100,19 @@ fn straightness(messages: Vec<v1::Straightness>) -> Result<[Straightness; 4], Er
     Ok(sides)
 }
 
+/// Four sides, or none in a message of an older program or without a network.
+fn side_light(names: Vec<String>) -> Result<Option<[SideLight; 4]>, Error> {
+    if names.is_empty() {
+        return Ok(None);
+    }
+    let mut sides = [SideLight::Dark; 4];
+    for (side, name) in sides.iter_mut().zip(exactly::<_, 4>(names, "side_light")?) {
+        let known = SideLight::ALL.into_iter().find(|light| light.name() == name);
+        *side = known.ok_or_else(|| invalid(format!("side_light: found {name:?}")))?;
+    }
+    Ok(Some(sides))
+}
+
 fn surface_point(message: v1::SurfacePoint) -> Result<SurfacePoint, Error> {
     let number = |value| finite(value, "surface");
     let at_mm = [number(message.along_length_mm)?, number(message.along_width_mm)?];
@@ -146,6 +159,7 @@ fn face(message: v1::Face) -> Result<(FaceOutcome, Option<Hint>, String), Error>
                 warnings: message.warnings.into_iter().map(warning).collect::<Result<_, _>>()?,
                 surface: message.surface.into_iter().map(surface_point).collect::<Result<_, _>>()?,
                 straightness: straightness(message.straightness)?,
+                light: side_light(message.side_light)?,
                 enclosing: [
                     enclosing(message.enclosing_length, "enclosing_length", sides[0])?,
                     enclosing(message.enclosing_width, "enclosing_width", sides[1])?,

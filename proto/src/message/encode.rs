@@ -62,6 +62,7 @@ pub(super) fn face(outcome: &FaceOutcome, hint: Option<&Hint>, frame_id: &str) -
             hint,
             confidence: face.confidence,
             straightness: face.straightness.iter().map(straightness).collect(),
+            side_light: face.light.iter().flatten().map(|light| light.name().to_owned()).collect(),
             enclosing_length: Some(length(face.enclosing[0])),
             enclosing_width: Some(length(face.enclosing[1])),
         },

@@ -2,8 +2,8 @@
 
 use boxline::measurement::FaceMeasurement;
 use boxline::{
-    BoxMeasurement, BoxReport, DepthSeen, Estimate, FaceOutcome, Hint, Outcome, Reject, Volume, Warning,
-    WarningKind,
+    BoxMeasurement, BoxReport, DepthSeen, Estimate, FaceOutcome, Hint, Outcome, Reject, SideLight, Volume,
+    Warning, WarningKind,
 };
 
 /// A box, in lines.
@@ -100,6 +100,12 @@ fn beside(text: &mut String, face: &FaceMeasurement) {
         let angles: Vec<String> = angles.iter().map(angle).collect();
         push(text, &format!("corners {} degrees", angles.join(", ")));
     }
+    if let Some(light) = &face.light {
+        let count = |what: SideLight| light.iter().filter(|light| **light == what).count();
+        let told = SideLight::ALL.map(|what| (count(what), what.name()));
+        let told = told.iter().filter(|(n, _)| *n > 0).map(|(n, name)| format!("{n} {name}"));
+        push(text, &format!("sides by the lasers: {}", told.collect::<Vec<_>>().join(", ")));
+    }
     warnings(text, &face.warnings);
 }
 
@@ -117,6 +123,7 @@ fn what_it_means(kind: WarningKind) -> &'static str {
         WarningKind::NotRightAngled | WarningKind::OppositeEdges => {
             "the sizes are means of opposite edges, --free prints the angles"
         }
+        WarningKind::EdgeDouble => "the sigmas allow for it",
         WarningKind::SideBowed => "the sizes allow for it; a tunnel on a belt reads the enclosing box",
         WarningKind::SidesDiffer => "see that both frames show the same box and its flaps are down",
         _ => "the sigmas allow for it",

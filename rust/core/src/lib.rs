@@ -46,7 +46,7 @@ pub use feasibility::Hint;
 pub use image::Frame;
 pub use measurement::{
     BoxMeasurement, BoxReport, Candidate, DepthSeen, EdgeMethod, FaceMeasurement, FaceOutcome, Method,
-    Outcome, Settings, StageTimes, Straightness, SurfacePoint, Workers,
+    Outcome, Settings, SideLight, StageTimes, Straightness, SurfacePoint, Workers,
 };
 pub use network::{Channel, EdgeMap, EdgeMapNetwork, FaceMaps, Network};
 pub use pipeline::{measure_box, measure_box_with_hints, measure_face, measure_face_with_hint};

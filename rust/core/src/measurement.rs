@@ -164,6 +164,8 @@ pub struct FaceMeasurement {
     pub straightness: [Straightness; 4],
     /// Length and width of the smallest rectangle of this direction that encloses the face: what a tunnel on a belt reads.
     pub enclosing: [Estimate; 2],
+    /// What the stripes' light says of each side, in the same order; `None` without a network, or in a decoded message of an older program.
+    pub light: Option<[SideLight; 4]>,
     /// Probability that both sides are within 5 mm ([`crate::confidence`]), as this frame alone tells; `None` without a network.
     pub confidence: Option<f64>,
 }
@@ -175,6 +177,35 @@ pub struct Straightness {
     pub sagitta: Estimate,
     /// Root mean square of all it departs beyond noise, bow and waves together, mm.
     pub rms_mm: f64,
+}
+
+/// What the light of the two stripes that cross a side says of it: light on the face's plane just inside and just beyond.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SideLight {
+    /// It ends at the side, on one stripe at least, and goes on beyond it on none.
+    Confirmed,
+    /// Neither stripe tells: the surroundings are too dark or too bright, or something is printed there.
+    Dark,
+    /// It goes on beyond the side: something flush lies there, or the side is a line of print.
+    Open,
+    /// It is missing inside the side: the face may end before it.
+    Contradicted,
+}
+
+impl SideLight {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Confirmed, Self::Dark, Self::Open, Self::Contradicted];
+
+    /// The stable name, as in `--json` and protobuf.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Confirmed => "confirmed",
+            Self::Dark => "dark",
+            Self::Open => "open",
+            Self::Contradicted => "contradicted",
+        }
+    }
 }
 
 /// A piece of a stripe on a face against the fitted plane.
@@ -335,6 +366,7 @@ impl FaceMeasurement {
             warnings: Vec::new(),
             surface: Vec::new(),
             straightness: Default::default(),
+            light: None,
             enclosing: [Estimate::new(length_mm, 0.4), Estimate::new(width_mm, 0.4)],
             confidence: None,
         }

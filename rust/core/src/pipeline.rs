@@ -9,17 +9,17 @@ use crate::edges::{EdgeDetector, hough::HoughDetector, subpixel::GradientDetecto
 use crate::error::{Error, ErrorKind};
 use crate::face::extent::{FaceStripes, InnerSegments, Sight, follow_stripes, inner_segments};
 use crate::face::map_outline::{MapOutline, map_outline, mask_at_border};
-use crate::face::outline::RoughRectangle;
+use crate::face::outline::{RoughRectangle, SIDES};
 use crate::face::raster::PlaneRaster;
 use crate::face_lines::view::FacePose;
 use crate::feasibility::{self, Hint};
-use crate::frames::{Cam, Plane};
+use crate::frames::{Cam, Plane, Point};
 use crate::image::Frame;
 use crate::image::bands::band_maps;
 use crate::image::redness::{Diagonal, RidgeMap, faint_ridge_map, half_redness};
 use crate::measurement::{
     BoxMeasurement, BoxReport, Candidate, DepthSeen, EdgeMethod, FaceMeasurement, FaceOutcome, Method,
-    Outcome, Settings, StageTimes,
+    Outcome, Settings, SideLight, StageTimes,
 };
 use crate::network::{Asked, Channel, EdgeMap, EdgeMapNetwork, FaceMaps, Network};
 use crate::rectangle::hough_outline::hough_outline;
@@ -28,6 +28,7 @@ use crate::rectangle::rivals::{Pair, Rival, rivals};
 use crate::rectangle::{self, Attempt, Measured};
 use crate::reject::Reject;
 use crate::scene::hidden::HiddenSides;
+use crate::scene::lit::LitLines;
 use crate::sides::ViewAxes;
 use crate::stripe::grid_search::{self, Evidence, GridHypothesis};
 use crate::units::{Estimate, LaserId};
@@ -354,8 +355,9 @@ fn measure_seen_outline(
     let wide = wide.ok_or_else(|| no_box(0.0))?;
     let seen = seen_in_plane(calibration, wide, &outline, asked);
     clock.lap("sides");
+    let lit = LitLines::of(frame, calibration, wide);
     let rivals =
-        rivals(frame, calibration, wide, &outline, asked, seen.as_ref()).ok_or_else(|| no_box(0.0))?;
+        rivals(frame, calibration, wide, &outline, asked, seen.as_ref(), &lit).ok_or_else(|| no_box(0.0))?;
     clock.lap("outline");
     let best = rivals.first().ok_or(Reject::RectangleOpen { sides_found: 0 })?;
     clock.see(&best.outline.raster, &best.outline.offsets_mm);
@@ -372,7 +374,10 @@ fn measure_seen_outline(
         probability: free * probability,
         pairs: pairs.map(|pair| Pair { probability: free * pair.probability, ..pair }),
         sides_mm: [1, 3].map(|high| outline.offsets_mm[high] - outline.offsets_mm[high - 1]),
-        face: measure_outline(task, inner, outline, clock).map(Box::new),
+        face: measure_outline(task, inner, outline, clock).map(|face| {
+            let light = light_at_sides(calibration, outline, &lit, &face);
+            Box::new(FaceMeasurement { light: Some(light), ..face })
+        }),
     });
     let alternatives =
         weighed(measured.collect(), |face| located([&face.length, &face.width], task.settings));
@@ -387,6 +392,24 @@ fn measure_seen_outline(
     let unsure = (likeliest < task.settings.least_confidence)
         .then(|| unclear(maps, likeliest, task.settings, overlap));
     Ok(Seen { alternatives, unsure, overlap })
+}
+
+/// What the stripes' light says of each side, going round as the corners do.
+fn light_at_sides(
+    calibration: &Calibration,
+    outline: &MapOutline,
+    lit: &LitLines,
+    face: &FaceMeasurement,
+) -> [SideLight; 4] {
+    [0, 1, 2, 3].map(|k| {
+        let middle = Point::from_vector(0.5 * (face.corners[k].mm + face.corners[(k + 1) % 4].mm));
+        let middle = outline.raster.of_cam(&middle);
+        let offset_mm = |side: usize| SIDES[side].0.offset(middle);
+        // The one of the outline's sides on which it lies.
+        let off = |side: &usize| (offset_mm(*side) - outline.offsets_mm[*side]).abs();
+        let side = (0..4).min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(0);
+        lit.verdict(calibration, &outline.raster, side, offset_mm(side))
+    })
 }
 
 /// What the network of sides says of the face, seen in the plane of its stripes.

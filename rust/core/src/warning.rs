@@ -18,18 +18,22 @@ pub enum WarningKind {
     OppositeEdges,
     /// A side of the face is a bow. Found: the sagitta of the one that bows most, mm, positive outwards.
     SideBowed,
+    /// Beside a side of the face there is another line for which ten times more speaks than for the one that was measured: the two roundings of an
+    /// edge, a seam, print. Found: how far outwards it lies, mm; its sigma is what the lines beside it add to the side's.
+    EdgeDouble,
     /// The side that both frames show differs more than its sigmas allow. Found: the difference, mm.
     SidesDiffer,
 }
 
 impl WarningKind {
     /// All kinds.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
         Self::LaserMoved,
         Self::FaceNotFlat,
         Self::NotRightAngled,
         Self::OppositeEdges,
         Self::SideBowed,
+        Self::EdgeDouble,
         Self::SidesDiffer,
     ];
 
@@ -42,6 +46,7 @@ impl WarningKind {
             Self::NotRightAngled => "not_right_angled",
             Self::OppositeEdges => "opposite_edges",
             Self::SideBowed => "side_bowed",
+            Self::EdgeDouble => "edge_double",
             Self::SidesDiffer => "sides_differ",
         }
     }
@@ -53,6 +58,7 @@ impl WarningKind {
             Self::LaserMoved => ["tilt_rad", "tilt_sigma_rad"],
             Self::FaceNotFlat | Self::SideBowed => ["sagitta_mm", "sagitta_sigma_mm"],
             Self::NotRightAngled => ["angle_rad", "angle_sigma_rad"],
+            Self::EdgeDouble => ["offset_mm", "offset_sigma_mm"],
             Self::OppositeEdges | Self::SidesDiffer => ["difference_mm", "difference_sigma_mm"],
         }
     }
@@ -71,7 +77,7 @@ pub struct Warning {
     pub sigma: f64,
     /// The check's statistic ...
     pub chi_square: f64,
-    /// ... and what it may be: one sound face in a thousand has more.
+    /// ... and what it may be: one sound face in a thousand has more. Of `edge_double`: the other line's share of the weight, and nine tenths.
     pub limit: f64,
 }
 
@@ -124,6 +130,13 @@ impl fmt::Display for Warning {
                 let way = if found > 0.0 { "outwards" } else { "inwards" };
                 write!(f, "a side of the face bows {way} by {:.1} ± {sigma:.1} mm", found.abs())
             }
+            (WarningKind::EdgeDouble, _) => write!(
+                f,
+                "a side of the face may lie {:.1} mm farther {}, on another line beside it ({:.0} % of the weight)",
+                found.abs(),
+                if found > 0.0 { "out" } else { "in" },
+                100.0 * self.chi_square
+            ),
             (WarningKind::SidesDiffer, _) => write!(
                 f,
                 "the side that both frames show differs by {:.1} mm between them, {sigma:.1} mm is its sigma",

@@ -77,6 +77,7 @@ mod tests {
             warnings: Vec::new(),
             surface: Vec::new(),
             straightness: Default::default(),
+            light: None,
             enclosing: [Estimate::default(); 2],
             confidence: None,
         }))

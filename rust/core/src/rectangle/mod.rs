@@ -21,7 +21,7 @@ mod uncertainty;
 use crate::calibration::Calibration;
 use crate::edges::EdgePoint;
 use crate::face::extent::{FaceStripes, crossing_on_px, crossing_px};
-use crate::face::outline::{RoughRectangle, SIDES, WeightedLine, span_mm};
+use crate::face::outline::{RoughRectangle, SIDES, WeightedLine, outward_sign, span_mm};
 use crate::face::plane_fit::StripeObservation;
 use crate::face::raster::{OnPlane, PlaneRaster};
 use crate::frames::{Cam, Plane};
@@ -29,7 +29,7 @@ use crate::image::Frame;
 use crate::measurement::{FaceMeasurement, Method, Settings, SideUncertainty};
 use crate::reject::Reject;
 use crate::units::{AngleEstimate, Estimate, LaserId, Px};
-use crate::warning::Warning;
+use crate::warning::{Warning, WarningKind};
 use nalgebra::Matrix2;
 use refine::{Anchor, FittedRectangle, ITERATIONS, Problem, Shape, middles_mm, refine, start_from};
 use sharp_edge::{Correction, Sharpened};
@@ -91,8 +91,9 @@ pub(crate) fn measure(
     let lit = keep_out(calibration, face, rough);
     let Sharpened { mut corrections, misplaced_mm } =
         sharp_edge::sharpen(frame, calibration, face, fit, &rough.at_ends, &lit);
-    for (side, correction) in corrections.iter_mut().enumerate() {
-        correction.sigma_mm = correction.sigma_mm.hypot(beside_lines_mm(fit, rough, side));
+    let beside = [0, 1, 2, 3].map(|side| Beside::of(fit, rough, side));
+    for (correction, beside) in corrections.iter_mut().zip(&beside) {
+        correction.sigma_mm = correction.sigma_mm.hypot(beside.sigma_mm);
     }
     if let Some(off_mm) = misplaced_mm {
         let beyond_ends = off_mm.iter().filter(|off| **off < -TOO_FAR_PX * rough.mm_per_px).count() as u8;
@@ -110,7 +111,9 @@ pub(crate) fn measure(
     } else {
         observed.by_fit(fitted, &corrections)
     };
-    Ok(Measured::Face(Box::new(face.ok_or_else(open)?)))
+    let mut face = face.ok_or_else(open)?;
+    face.warnings.extend(Beside::warning(&beside));
+    Ok(Measured::Face(Box::new(face)))
 }
 
 /// Lines that are no farther from a measured side pull at it, px and mm.
@@ -121,25 +124,52 @@ const BESIDE_MM: f64 = 8.0;
 /// sigmas.
 const BESIDE_SHARE: f64 = 0.4;
 
-/// How far a measured side may be off because another of the lines that it may be is it, 1 sigma, mm: the two roundings of an edge, a
-/// seam's two flanks, a line of print just inside.
-fn beside_lines_mm(fit: &FittedRectangle, rough: &RoughRectangle, side: usize) -> f64 {
-    let across = SIDES[side].0;
-    let (from, to) = span_mm(&fit.offsets_mm, side);
-    let middle = fit.raster.cam_point(across.at(fit.offsets_mm[side], 0.5 * (from + to)));
-    let here_mm = across.offset(rough.raster.of_cam(&middle));
-    let off_mm = |line: &WeightedLine| (line.offset_mm - here_mm).abs();
-    let reach_mm = (BESIDE_PX * rough.mm_per_px).min(BESIDE_MM);
-    let (mut total, mut sum) = (0.0, 0.0);
-    for line in rough.lines[side].iter().filter(|line| off_mm(line) <= reach_mm) {
-        total += line.share;
-        sum += line.share * off_mm(line).powi(2);
+/// Lines nearer than this are one, px ...
+const ONE_PX: f64 = 4.0;
+/// ... and one that has this share of the weight of all that are near speaks ten to one against the line that was measured.
+const LEAST_OF_DOUBLE: f64 = 0.9;
+
+/// The lines that pull at a measured side: the two roundings of an edge, a seam's two flanks, a line of print just inside.
+struct Beside {
+    /// How far the side may be off because one of them is it, 1 sigma, mm.
+    sigma_mm: f64,
+    /// The one that is likeliest to be it instead: how far outwards it lies, mm, and its share of the weight.
+    other: Option<(f64, f64)>,
+}
+
+impl Beside {
+    fn of(fit: &FittedRectangle, rough: &RoughRectangle, side: usize) -> Self {
+        let across = SIDES[side].0;
+        let (from, to) = span_mm(&fit.offsets_mm, side);
+        let middle = fit.raster.cam_point(across.at(fit.offsets_mm[side], 0.5 * (from + to)));
+        let here_mm = across.offset(rough.raster.of_cam(&middle));
+        let off_mm = |line: &WeightedLine| (line.offset_mm - here_mm).abs();
+        let reach_mm = (BESIDE_PX * rough.mm_per_px).min(BESIDE_MM);
+        let near: Vec<&WeightedLine> =
+            rough.lines[side].iter().filter(|line| off_mm(line) <= reach_mm).collect();
+        let total: f64 = near.iter().map(|line| line.share).sum();
+        if total <= 0.0 {
+            let nearest = rough.lines[side].iter().map(off_mm).min_by(f64::total_cmp);
+            return Self { sigma_mm: BESIDE_SHARE * nearest.unwrap_or(0.0), other: None };
+        }
+        let variance: f64 = near.iter().map(|line| line.share / total * off_mm(line).powi(2)).sum();
+        let other = near.iter().filter(|line| off_mm(line) > ONE_PX * rough.mm_per_px);
+        let other = other
+            .max_by(|a, b| a.share.total_cmp(&b.share))
+            .map(|line| (outward_sign(side) * (line.offset_mm - here_mm), line.share / total));
+        Self {
+            sigma_mm: BESIDE_SHARE * variance.sqrt(),
+            other: other.filter(|(_, share)| *share >= LEAST_OF_DOUBLE),
+        }
     }
-    if total > 0.0 {
-        return BESIDE_SHARE * (sum / total).sqrt();
+
+    /// Of the side whose other line is the likeliest.
+    fn warning(sides: &[Self; 4]) -> Option<Warning> {
+        let doubled = sides.iter().filter_map(|beside| Some((beside.sigma_mm, beside.other?)));
+        let (sigma, (found, share)) = doubled.max_by(|(_, (_, a)), (_, (_, b))| a.total_cmp(b))?;
+        let kind = WarningKind::EdgeDouble;
+        Some(Warning { kind, laser: None, found, sigma, chi_square: share, limit: LEAST_OF_DOUBLE })
     }
-    let nearest = rough.lines[side].iter().map(off_mm).min_by(f64::total_cmp);
-    nearest.map_or(0.0, |off_mm| BESIDE_SHARE * off_mm)
 }
 
 /// What was seen of a face.
@@ -392,6 +422,7 @@ fn assemble(
         surface: surface::surface(calibration, fit, &corners),
         confidence: None,
         straightness: going_round.map(|side| straight[side].told),
+        light: None,
         enclosing: [enclosing(0), enclosing(1)],
     })
 }

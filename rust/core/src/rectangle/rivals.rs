@@ -61,10 +61,10 @@ pub(crate) fn rivals(
     outline: &MapOutline,
     asked: &Asked<'_>,
     seen: Option<&(ViewAxes, SideOdds)>,
+    lit: &LitLines,
 ) -> Option<Vec<Rival>> {
     let raster = outline.raster.on(&wide.fit.plane);
-    let lit = LitLines::of(frame, calibration, wide);
-    let evidence = Evidence { frame, calibration, raster: &raster, outline, asked, wide, seen, lit: &lit };
+    let evidence = Evidence { frame, calibration, raster: &raster, outline, asked, wide, seen, lit };
     let mut sides = Vec::with_capacity(4);
     let mut weighted: [Vec<WeightedLine>; 4] = Default::default();
     for (side, weighted) in weighted.iter_mut().enumerate() {

@@ -14,6 +14,7 @@ use crate::face::outline::{SIDES, outward_sign};
 use crate::face::raster::PlaneRaster;
 use crate::frames::{Cam, Plane};
 use crate::image::Frame;
+use crate::measurement::SideLight;
 use crate::network::StripeLight;
 use crate::stripe::trace::Walk;
 use crate::units::{LaserId, Px};
@@ -77,6 +78,39 @@ impl LitLines {
         };
         let [[p, no_p], [q, no_q]] = across.stripes().map(|id| of_stripe(id).unwrap_or_default());
         StripeLight { beyond: [p.min(q), p.max(q)], missing: no_p + no_q }
+    }
+}
+
+/// Odds of 150 to 1 if rows were independent; a stripe's speckle makes neighbours alike (`stripe/trace`), so it is some 10 to 1.
+const TOLD: f64 = 5.0;
+
+impl LitLines {
+    /// The same in a word.
+    pub fn verdict(
+        &self,
+        calibration: &Calibration,
+        raster: &PlaneRaster,
+        side: usize,
+        offset_mm: f64,
+    ) -> SideLight {
+        let (across, _) = SIDES[side];
+        let of_stripe = |id: LaserId| {
+            let at = |offset_mm: f64| crossing_on_px(calibration, raster, across, offset_mm, id);
+            let line = self.0[id.index()].as_ref()?;
+            let (at, beyond) = (at(offset_mm)?, at(offset_mm + outward_sign(side))?);
+            let sum = |from: f64, to: f64| line.between(at, beyond, [from, to]);
+            Some([sum(-LEAST_PX, -NEAREST_PX), sum(NEAREST_PX, LEAST_PX)])
+        };
+        let stripes = across.stripes().map(|id| of_stripe(id).unwrap_or_default());
+        if stripes.iter().any(|[inside, _]| *inside < -TOLD) {
+            SideLight::Contradicted
+        } else if stripes.iter().any(|[_, beyond]| *beyond > TOLD) {
+            SideLight::Open
+        } else if stripes.iter().any(|[inside, beyond]| *inside > TOLD && *beyond < -TOLD) {
+            SideLight::Confirmed
+        } else {
+            SideLight::Dark
+        }
     }
 }
 
@@ -262,6 +296,13 @@ mod tests {
         lines.at(&calibration, &raster, SIDE, OFFSET_MM + out_px * PX_MM)
     }
 
+    fn verdict(frame: &Frame, out_px: f64) -> SideLight {
+        let (calibration, raster) = face();
+        let lines =
+            LitLines(LaserId::ALL.map(|id| LitLine::new(frame, &calibration, &raster.plane, id, 8.0)));
+        lines.verdict(&calibration, &raster, SIDE, OFFSET_MM + out_px * PX_MM)
+    }
+
     fn offset(on_face: OnPlane) -> f64 {
         SIDES[SIDE].0.offset(on_face)
     }
@@ -285,6 +326,10 @@ mod tests {
             assert!(within.missing < 1.0, "{what}: {within:?} at its inner edge");
             let outside = at(&frame, 60.0);
             assert!(outside.missing > 10.0 && outside.beyond[1] < 1.0, "{what}: {outside:?} outside");
+            let told = [-80.0, 0.0, 60.0].map(|out_px| verdict(&frame, out_px));
+            // Inside a dark band nothing tells.
+            let within = if band < 0.1 { SideLight::Dark } else { SideLight::Open };
+            assert_eq!(told, [within, SideLight::Confirmed, SideLight::Contradicted], "{what}");
         }
     }
 
@@ -293,12 +338,14 @@ mod tests {
         let (_, raster) = face();
         let neighbour = drawn(|_| Seen { on: Some(raster.plane), paint: 1.0 });
         assert!(at(&neighbour, 0.0).beyond[0] > 10.0, "{:?}", at(&neighbour, 0.0));
+        assert_eq!(verdict(&neighbour, 0.0), SideLight::Open);
         let dark = drawn(|on_face| {
             let face = offset(on_face) < OFFSET_MM;
             Seen { on: face.then_some(raster.plane), paint: if face { 1.0 } else { 0.01 } }
         });
         let outside = at(&dark, 60.0);
         assert!(outside.missing < 2.0 && outside.beyond[1] < 2.0, "{outside:?}");
+        assert_eq!(verdict(&dark, 60.0), SideLight::Dark);
     }
 
     #[test]

@@ -33,6 +33,9 @@ public class Warning internal constructor(
         /** An edge of the face is a bow of more than 1 mm. */
         SIDE_BOWED,
 
+        /** For another line beside an edge of the face more speaks than for the one that was measured: a seam, print, the other of two roundings. */
+        EDGE_DOUBLE,
+
         /** The side that both pictures show differs more than it should. */
         SIDES_DIFFER,
 
