@@ -298,13 +298,19 @@ fn measure_on_plane(
     check_stripes(&face, false)?;
     let roughs = hypothesize(frame, calibration, &face, which);
     clock.lap("sides");
+    let lit = LitLines::of(frame, calibration, &face);
+    clock.lap("sides");
     let mut alternatives = Vec::new();
     for (index, rough) in roughs?.iter().enumerate() {
         if index == 0 {
             clock.see(&rough.raster, &rough.offsets_mm);
         }
         match measure_rough(task, &face, rough, clock) {
-            Ok(face) => alternatives.push(Alternative::only(face)),
+            Ok(mut measured) => {
+                measured.light =
+                    Some(light_at_sides(calibration, &rough.raster, &rough.offsets_mm, &lit, &measured));
+                alternatives.push(Alternative::only(measured));
+            }
             // An alternative that fails is none.
             Err(reject) if index == 0 => return Err(reject),
             Err(_) => {}
@@ -375,7 +381,7 @@ fn measure_seen_outline(
         pairs: pairs.map(|pair| Pair { probability: free * pair.probability, ..pair }),
         sides_mm: [1, 3].map(|high| outline.offsets_mm[high] - outline.offsets_mm[high - 1]),
         face: measure_outline(task, inner, outline, clock).map(|face| {
-            let light = light_at_sides(calibration, outline, &lit, &face);
+            let light = light_at_sides(calibration, &outline.raster, &outline.offsets_mm, &lit, &face);
             Box::new(FaceMeasurement { light: Some(light), ..face })
         }),
     });
@@ -397,18 +403,19 @@ fn measure_seen_outline(
 /// What the stripes' light says of each side, going round as the corners do.
 fn light_at_sides(
     calibration: &Calibration,
-    outline: &MapOutline,
+    raster: &PlaneRaster,
+    offsets_mm: &[f64; 4],
     lit: &LitLines,
     face: &FaceMeasurement,
 ) -> [SideLight; 4] {
     [0, 1, 2, 3].map(|k| {
         let middle = Point::from_vector(0.5 * (face.corners[k].mm + face.corners[(k + 1) % 4].mm));
-        let middle = outline.raster.of_cam(&middle);
+        let middle = raster.of_cam(&middle);
         let offset_mm = |side: usize| SIDES[side].0.offset(middle);
         // The one of the outline's sides on which it lies.
-        let off = |side: &usize| (offset_mm(*side) - outline.offsets_mm[*side]).abs();
+        let off = |side: &usize| (offset_mm(*side) - offsets_mm[*side]).abs();
         let side = (0..4).min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(0);
-        lit.verdict(calibration, &outline.raster, side, offset_mm(side))
+        lit.verdict(calibration, raster, side, offset_mm(side))
     })
 }
 
