@@ -114,6 +114,7 @@ Exit codes: 0 predicted, 2 broken input or usage.")]
 Example:
   boxline devices --lint
 
+Cameras are only asked for their descriptors: a program that has one keeps it.
 Exit codes: 0 listed, also if there is none; 2 the bus cannot be read.")]
     Devices(crate::head::DevicesArgs),
     /// Switches the lasers of a head

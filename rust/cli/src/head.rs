@@ -18,7 +18,7 @@ const LASER_REFRESH: Duration = Duration::from_millis(500);
 
 #[derive(ClapArgs)]
 pub struct DevicesArgs {
-    /// Check the descriptors of the head for contradictions
+    /// Check the descriptors of all cameras for contradictions, also of those that cannot be used
     #[arg(long)]
     pub lint: bool,
     /// Print one JSON object
@@ -132,6 +132,7 @@ pub fn list(args: &DevicesArgs) -> anyhow::Result<Finished> {
     let found = devices()?;
     let mut lines = Vec::new();
     let mut objects = Vec::new();
+    let mut findings = Vec::new();
     for device in &found {
         let (vendor, product) = device.product;
         let place = format!("{:03}/{:03}", device.place.0, device.place.1);
@@ -147,14 +148,15 @@ pub fn list(args: &DevicesArgs) -> anyhow::Result<Finished> {
                 objects.push(json!({"place": place, "id": id, "error": why}));
             }
         }
+        findings.extend(device.findings.iter().map(|finding| format!("{place}: {finding}")));
     }
-    let mut findings = Vec::new();
     if args.lint {
-        findings = Device::open(&Selector::default())?.lint().iter().map(ToString::to_string).collect();
         lines.extend(findings.iter().map(|finding| format!("lint: {finding}")));
-        if findings.is_empty() {
+        if findings.is_empty() && !found.is_empty() {
             lines.push("lint: no contradictions".into());
         }
+    } else {
+        findings.clear();
     }
     if found.is_empty() {
         lines.push("no camera is attached".into());

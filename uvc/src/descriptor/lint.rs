@@ -35,6 +35,7 @@ pub fn lint(device: &[u8], configuration: &[u8]) -> Vec<Finding> {
             return findings;
         }
     };
+    parsed.skipped.iter().for_each(|finding| say(finding.offset, finding.text.clone()));
     let total = configuration.get(2..4).map_or(0, |b| usize::from(u16::from_le_bytes([b[0], b[1]])));
     if total != configuration.len() {
         say(2, format!("wTotalLength is {total}, {} bytes are there", configuration.len()));
@@ -117,10 +118,13 @@ fn lint_video(video: &VideoFunction, say: &mut impl FnMut(usize, String)) {
                 say(format.offset, format!("bNumFrameDescriptors is {count}, {found} are there"));
             }
             for frame in &format.frames {
-                if frame.width == 0 || frame.height == 0 || frame.intervals.contains(&0) {
+                if frame.width == 0 || frame.height == 0 {
                     say(format.offset, format!("frame size {} has a zero in it", frame.index));
                 }
-                if !frame.intervals.contains(&frame.default_interval) && frame.intervals.len() > 1 {
+                if let Some(text) = frame.intervals.contradiction() {
+                    say(format.offset, format!("frame size {} has {text}", frame.index));
+                }
+                if !frame.intervals.has(frame.default_interval) {
                     say(
                         format.offset,
                         format!("the default interval of frame size {} is not listed", frame.index),
