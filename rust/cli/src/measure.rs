@@ -4,6 +4,7 @@ use crate::Finished;
 use crate::args::{FaceArgs, MeasureArgs, Output};
 use crate::input::{Usage, box_frames, read_frame};
 use crate::overlay::{self, Headline, View};
+use crate::say::say;
 use crate::text;
 use boxline::{FaceOutcome, Frame, Outcome, StageTimes, measure_box_with_hints, measure_face_with_hint};
 use boxline_proto::json::{face_json, read_calibration, read_recording, report_json};
@@ -29,10 +30,10 @@ pub fn measure(args: &MeasureArgs) -> anyhow::Result<Finished> {
     check_overlay(&args.output, &inputs)?;
     let calibration = read_calibration(&calibration)?;
     if let Some(serial) = serial.filter(|serial| serial != calibration.serial()) {
-        eprintln!(
+        say(&format!(
             "warning: the recording is of head {serial}, the calibration of head {}",
             calibration.serial()
-        );
+        ));
     }
     let frames: Vec<Frame> =
         sources.par_iter().map(|(_, path)| read_frame(path)).collect::<Result<_, _>>()?;
