@@ -80,6 +80,12 @@ pub fn camera_json(c: &CameraModel) -> Value {
     value
 }
 
+/// How many rows of a covariance say something: those of p1, p2 and k3 only if the lens has them.
+pub(crate) fn covariance_size(covariance: &CalibrationCovariance) -> usize {
+    let more = (PAPER_PARAMETERS..PARAMETERS).any(|i| covariance[(i, i)] > 0.0);
+    if more { PARAMETERS } else { PAPER_PARAMETERS }
+}
+
 /// A calibration as JSON. Reading it again gives the same calibration to the last bit. Laser planes are scaled to d = -1.
 #[must_use]
 pub fn calibration_json(calibration: &Calibration) -> Value {
@@ -95,8 +101,7 @@ pub fn calibration_json(calibration: &Calibration) -> Value {
         "laser_planes": LaserId::ALL.map(plane),
     });
     if let Some(covariance) = calibration.covariance() {
-        let more = (PAPER_PARAMETERS..PARAMETERS).any(|i| covariance[(i, i)] > 0.0);
-        let size = if more { PARAMETERS } else { PAPER_PARAMETERS };
+        let size = covariance_size(covariance);
         let row = |i: usize| covariance.row(i).iter().take(size).copied().collect::<Vec<f64>>();
         value["covariance"] = json!((0..size).map(row).collect::<Vec<_>>());
     }

@@ -13,6 +13,7 @@ mod syntax;
 mod truth;
 mod wrong;
 
+pub(crate) use calibration::covariance_size;
 pub use calibration::{calibration_json, camera_json, parse_calibration, read_calibration};
 pub use file::write_json;
 pub(crate) use recording::resolved_path;

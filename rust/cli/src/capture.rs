@@ -2,7 +2,7 @@
 //! sunlight can be subtracted. Where the cable comes out, the view is taken again as soon as the head is back.
 
 use crate::Finished;
-use crate::head::DeviceChoice;
+use crate::head::{DeviceChoice, warn_without_covariance};
 use crate::input::Usage;
 use crate::say::say;
 use anyhow::Context;
@@ -191,7 +191,9 @@ fn calibration(args: &CaptureArgs, device: &Device) -> anyhow::Result<Calibratio
         return Ok(read_calibration(file)?);
     }
     let bytes = store::read(device, |_, _| ()).context("no --calibration was given")?;
-    decode_calibration(&bytes).context("the calibration stored in the head")
+    let stored = decode_calibration(&bytes).context("the calibration stored in the head")?;
+    warn_without_covariance(&stored);
+    Ok(stored)
 }
 
 fn reopen(selector: &Selector, limit: Duration, mut last: Error) -> anyhow::Result<Camera> {

@@ -2,7 +2,9 @@
 
 use crate::Finished;
 use crate::input::Usage;
+use crate::say::say;
 use anyhow::{Context, bail};
+use boxline::Calibration;
 use boxline_proto::json::{calibration_json, read_calibration, write_json};
 use boxline_proto::message::{decode_calibration, encode_calibration};
 use boxline_uvc::head::{self, Lasers};
@@ -190,6 +192,15 @@ pub fn laser(args: &LaserArgs) -> anyhow::Result<Finished> {
     })
 }
 
+/// Says that sigmas will lack the calibration's part: what was stored before the covariance was has none.
+pub fn warn_without_covariance(calibration: &Calibration) {
+    if calibration.covariance().is_none() {
+        say(
+            "warning: the calibration has no covariance, so sigmas will lack its part; `boxline calibrate` gives one",
+        );
+    }
+}
+
 /// Runs `boxline head`.
 pub fn head(args: &HeadArgs) -> anyhow::Result<Finished> {
     let HeadCommand::Calibration(calibration) = &args.command;
@@ -203,6 +214,7 @@ pub fn head(args: &HeadArgs) -> anyhow::Result<Finished> {
             let device = choice.open()?;
             let stored =
                 decode_calibration(&store::read(&device, progress)?).context("stored calibration")?;
+            warn_without_covariance(&stored);
             write_json(output, &calibration_json(&stored))?;
             format!("written {}: calibration of head {}", output.display(), stored.serial())
         }
@@ -218,6 +230,7 @@ pub fn head(args: &HeadArgs) -> anyhow::Result<Finished> {
                 );
                 return Err(Usage(text).into());
             }
+            warn_without_covariance(&calibration);
             let bytes = encode_calibration(&calibration);
             let info = store::write(&device, &bytes, progress)?;
             if usize::try_from(info.length) != Ok(bytes.len()) {
