@@ -49,7 +49,6 @@ pub fn text_of(error: &anyhow::Error) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use anyhow::Context;
 
     #[test]
     fn what_steers_a_terminal_is_written_out() {
