@@ -147,17 +147,17 @@ const BROKEN: [Camera; 18] = [
     Camera {
         name: "extra_mjpeg_frame_short_20",
         chosen: "refused: descriptor at byte 130: 20 bytes, at least 26 are needed",
-        findings: &[0],
+        findings: &[130],
     },
     Camera {
         name: "mjpeg_frame_claims_0_intervals_range",
         chosen: "refused: descriptor at byte 130: 34 bytes, at least 35 are needed",
-        findings: &[0],
+        findings: &[130],
     },
     Camera {
         name: "mjpeg_frame_claims_9_intervals",
         chosen: "refused: descriptor at byte 130: 34 bytes, at least 35 are needed",
-        findings: &[0],
+        findings: &[130],
     },
     Camera {
         name: "mjpeg_frame_range_5_to_30_fps",
@@ -192,7 +192,7 @@ const BROKEN: [Camera; 18] = [
     Camera {
         name: "vc_header_count_2_of_1",
         chosen: "refused: descriptor at byte 26: 2 streaming interfaces in a header of 13 bytes",
-        findings: &[0],
+        findings: &[26],
     },
     Camera {
         name: "vc_header_lists_interface_7",
@@ -202,17 +202,17 @@ const BROKEN: [Camera; 18] = [
     Camera {
         name: "vc_header_short_12",
         chosen: "refused: descriptor at byte 26: 1 streaming interfaces in a header of 12 bytes",
-        findings: &[26, 0],
+        findings: &[26, 26],
     },
     Camera {
         name: "xu_control_size_200",
         chosen: "refused: descriptor at byte 68: 200 bytes of controls in a unit of 27 bytes",
-        findings: &[0],
+        findings: &[68],
     },
     Camera {
         name: "xu_pins_200",
         chosen: "refused: descriptor at byte 68: 200 inputs in a unit of 27 bytes",
-        findings: &[0],
+        findings: &[68],
     },
     Camera {
         name: "zero_length_inside",

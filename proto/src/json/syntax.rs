@@ -1,4 +1,5 @@
-//! From bytes to a JSON value. What `serde_json` lets pass or explains badly is caught here: a byte order mark, UTF-16, a key that is given twice.
+//! From bytes to a JSON value. What `serde_json` lets pass or explains badly is caught here: a byte order mark, UTF-16, a key that is
+//! given twice.
 
 use boxline::{Error, ErrorKind};
 use serde::Deserialize;

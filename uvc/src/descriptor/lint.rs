@@ -1,7 +1,7 @@
 //! Looks for contradictions in descriptors that hosts forgive: Linux, for one, accepts a wrong total length, a source that does
 //! not exist and a wrong number of frame sizes. A head's firmware should have none of them.
 
-use super::video::{STREAMING, VC_HEADER, VIDEO};
+use super::video::{NO_CAMERA, STREAMING, VC_HEADER, VIDEO};
 use super::{Block, u16_at};
 use super::{CS_INTERFACE, Configuration, Device, FormatKind, VideoFunction, blocks};
 use std::collections::BTreeSet;
@@ -25,13 +25,13 @@ impl std::fmt::Display for Finding {
 pub fn lint(device: &[u8], configuration: &[u8]) -> Vec<Finding> {
     let mut findings = Vec::new();
     let mut say = |offset: usize, text: String| findings.push(Finding { offset, text });
-    if let Err(e) = Device::parse(device) {
-        say(0, e.to_string());
+    if let Err(Finding { offset, text }) = Device::read(device) {
+        say(offset, format!("in the device descriptor: {text}"));
     }
-    let parsed = match Configuration::parse(configuration) {
+    let parsed = match Configuration::read(configuration) {
         Ok(parsed) => parsed,
-        Err(e) => {
-            say(0, e.to_string());
+        Err(Finding { offset, text }) => {
+            say(offset, text);
             return findings;
         }
     };
@@ -63,9 +63,10 @@ pub fn lint(device: &[u8], configuration: &[u8]) -> Vec<Finding> {
             );
         }
     }
-    match VideoFunction::parse(&parsed) {
-        Ok(video) => lint_video(&video, &mut say),
-        Err(e) => say(0, e.to_string()),
+    match VideoFunction::read(&parsed) {
+        Ok(Some(video)) => lint_video(&video, &mut say),
+        Ok(None) => say(0, NO_CAMERA.into()),
+        Err(Finding { offset, text }) => say(offset, text),
     }
     findings
 }

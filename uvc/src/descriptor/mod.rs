@@ -171,11 +171,13 @@ pub(crate) fn u32_at(block: &Block<'_>, at: usize) -> Result<u32, Finding> {
 impl Device {
     /// Reads the 18 bytes of a device descriptor.
     pub fn parse(bytes: &[u8]) -> Result<Self, Error> {
+        Ok(Self::read(bytes)?)
+    }
+
+    fn read(bytes: &[u8]) -> Result<Self, Finding> {
         let block = Block { offset: 0, bytes };
         if bytes.len() < 18 || block.kind() != DEVICE || bytes[0] != 18 {
-            return Err(
-                broken(0, format!("{} bytes, a device descriptor of 18 is needed", bytes.len())).into()
-            );
+            return Err(broken(0, format!("{} bytes, a device descriptor of 18 is needed", bytes.len())));
         }
         Ok(Self {
             usb_bcd: u16_at(&block, 2)?,
@@ -190,10 +192,14 @@ impl Configuration {
     /// Reads a configuration descriptor with everything after it. Bytes past its own total length are ignored, as hosts do, and a
     /// total beyond the bytes is taken for all of them. Only the head of the configuration must be whole.
     pub fn parse(bytes: &[u8]) -> Result<Self, Error> {
+        Ok(Self::read(bytes)?)
+    }
+
+    fn read(bytes: &[u8]) -> Result<Self, Finding> {
         let mut row = blocks(bytes);
         let head = row.next().ok_or_else(|| broken(0, "no bytes"))??;
         if head.kind() != CONFIGURATION {
-            return Err(broken(0, format!("type {}, a configuration (2) is needed", head.kind())).into());
+            return Err(broken(0, format!("type {}, a configuration (2) is needed", head.kind())));
         }
         let total = usize::from(u16_at(&head, 2)?);
         let (interface_count, value) = (u8_at(&head, 4)?, u8_at(&head, 5)?);

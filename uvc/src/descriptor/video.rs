@@ -22,6 +22,9 @@ pub(crate) const VS_FRAME_MJPEG: u8 = 7;
 /// Other formats: uncompressed, MPEG-2 TS, DV, frame-based, stream-based, H.264, H.264 simulcast, VP8, VP8 simulcast.
 const OTHER_FORMATS: [u8; 9] = [0x04, 0x0A, 0x0C, 0x10, 0x12, 0x13, 0x15, 0x16, 0x18];
 
+/// Said of other devices.
+pub(super) const NO_CAMERA: &str = "no video control interface (class 14, subclass 1)";
+
 /// Version of the video class that a device follows; it fixes the length of probe and commit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum UvcVersion {
@@ -222,13 +225,14 @@ pub struct VideoFunction {
 impl VideoFunction {
     /// Finds the first camera of a configuration.
     pub fn parse(configuration: &Configuration) -> Result<Self, Error> {
-        let control = configuration
-            .interfaces
-            .iter()
-            .find(|interface| interface.class == (VIDEO, CONTROL))
-            .ok_or_else(|| {
-            Error::new(ErrorKind::Unsupported, "no video control interface (class 14, subclass 1)")
-        })?;
+        let found = Self::read(configuration)?;
+        found.ok_or_else(|| Error::new(ErrorKind::Unsupported, NO_CAMERA))
+    }
+
+    /// The same; `None` if there is no camera.
+    pub(super) fn read(configuration: &Configuration) -> Result<Option<Self>, Finding> {
+        let control = configuration.interfaces.iter().find(|interface| interface.class == (VIDEO, CONTROL));
+        let Some(control) = control else { return Ok(None) };
         let mut header = None;
         let mut units = Vec::new();
         for (offset, bytes) in &control.class_specific {
@@ -247,7 +251,8 @@ impl VideoFunction {
             }
         }
         let version = UvcVersion::from_bcd(bcd);
-        Ok(Self { control_interface: control.number, version, clock_hz, streaming_numbers, units, streaming })
+        let control_interface = control.number;
+        Ok(Some(Self { control_interface, version, clock_hz, streaming_numbers, units, streaming }))
     }
 
     /// The extension unit of a vendor.
