@@ -15,6 +15,10 @@ fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/data").join(name)
 }
 
+fn parsed(name: &str) -> Value {
+    serde_json::from_slice(&std::fs::read(data(name)).unwrap()).unwrap()
+}
+
 fn calibration() -> Calibration {
     read_calibration(&data("calibration_set/calibration.json")).unwrap()
 }
@@ -157,7 +161,7 @@ fn a_lens_with_more_terms_brings_them_and_their_covariance() {
     });
     let size = [paper.width_px(), paper.height_px()];
     let variances = |known: usize| {
-        let own = |i: usize| if i < known { 1e-6 * (i + 1) as f64 } else { 0.0 };
+        let own = |i: usize| if i < known { 1e-8 * (i + 1) as f64 } else { 0.0 };
         CalibrationCovariance::from_fn(|i, j| if i == j { own(i) } else { 0.0 })
     };
     for (camera, known) in [(camera, PARAMETERS), (*paper.camera(), PAPER_PARAMETERS)] {
@@ -232,6 +236,61 @@ fn broken_calibrations_name_file_and_field() {
         &[b'['; 100_000],
     ] {
         expect(parse_calibration(bytes, "head.json"), kind, &["head.json: "]);
+    }
+}
+
+#[test]
+fn a_byte_order_mark_is_nothing_and_utf16_is_named() {
+    let whole = String::from_utf8(std::fs::read(data("calibration_set/calibration.json")).unwrap()).unwrap();
+    let marked = format!("\u{feff}{whole}");
+    assert_eq!(parse_calibration(marked.as_bytes(), "head.json").unwrap(), calibration());
+    for mark in ["", "\u{feff}"] {
+        for bytes in [u16::to_le_bytes as fn(u16) -> [u8; 2], u16::to_be_bytes] {
+            let utf16: Vec<u8> = format!("{mark}{whole}").encode_utf16().flat_map(bytes).collect();
+            let parts = ["head.json: ", "UTF-16, UTF-8 is needed"];
+            expect(parse_calibration(&utf16, "head.json"), ErrorKind::InvalidCalibration, &parts);
+        }
+    }
+}
+
+#[test]
+fn a_key_that_is_given_twice_is_refused() {
+    let whole = String::from_utf8(std::fs::read(data("calibration_set/calibration.json")).unwrap()).unwrap();
+    for (key, again) in [("serial", "\"serial\": \"X\", \"serial\""), ("fx", "\"fx\": 1, \"fx\"")] {
+        let twice = whole.replacen(&format!("\"{key}\""), again, 1);
+        let named = format!("the key {key:?} is given twice at line");
+        let error = parse_calibration(twice.as_bytes(), "head.json");
+        expect(error, ErrorKind::InvalidCalibration, &["head.json: ", &named]);
+    }
+    let recording = std::fs::read_to_string(data("b02/recording.json")).unwrap();
+    let twice = recording.replacen("\"id\"", "\"id\": \"z\", \"id\"", 1);
+    let error = parse_recording(twice.as_bytes(), "recording.json", Path::new("x"));
+    expect(error, ErrorKind::InvalidFile, &["recording.json: ", "\"id\" is given twice"]);
+}
+
+#[test]
+fn numbers_that_no_head_has_are_refused() {
+    let one = |i: usize, variance: f64| {
+        let mut rows = vec![vec![0.0; 18]; 18];
+        rows[i][i] = variance;
+        json!(rows)
+    };
+    let planes = parsed("calibration_set/calibration.json")["laser_planes"].clone();
+    let cases = [
+        ("/camera/cx", json!(99_999), "camera.cx is 99999 px, -1296 to 3888 px"),
+        ("/camera/cy", json!(-99_999), "camera.cy is -99999 px, -972 to 2916 px"),
+        ("/laser_planes", json!([planes[0], planes[0], planes[2], planes[3]]), "planes 1 and 2 are the same"),
+        ("/laser_planes", json!([planes[0], planes[1], planes[3], planes[3]]), "planes 3 and 4 are the same"),
+        ("/covariance", one(0, 1e6), "covariance[0][0] is 1e6, a sigma of 1000.0000: at most 245.8917"),
+        ("/covariance", one(4, 1e6), "covariance[4][4]"),
+        ("/covariance", one(17, 1e6), "covariance[17][17]"),
+    ];
+    for (pointer, value, part) in cases {
+        let mut changed = parsed("calibration_set/calibration.json");
+        changed["covariance"] = json!(null);
+        *changed.pointer_mut(pointer).unwrap() = value.clone();
+        let error = parse_calibration(changed.to_string().as_bytes(), "head.json");
+        expect(error, ErrorKind::InvalidCalibration, &["head.json: ", part]);
     }
 }
 
@@ -329,6 +388,8 @@ fn broken_truths_and_boards_name_file_and_field() {
         ("/columns", Some(json!(12.5)), &["columns: found 12.5, a whole number is needed"]),
         ("/rows", Some(json!(1_000_000)), &["rows: found 1000000, 2 to 1000 are allowed"]),
         ("/pitch_mm", Some(json!(-100)), &["pitch_mm: found -100, a positive number is needed"]),
+        ("/pitch_mm", Some(json!(0.1)), &["pitch_mm: found 0.1, 1 to 1000 mm are allowed"]), // in metres
+        ("/diameter_mm", Some(json!(0.05)), &["diameter_mm: found 0.05, 1 to 1000 mm are allowed"]),
         ("/diameter_mm", Some(json!(100)), &["diameter_mm: found 100, less than pitch_mm (100) is needed"]),
         ("/thickness_mm", None, &["thickness_mm: missing"]),
     ];

@@ -1,6 +1,7 @@
 //! Results and the other messages: the JSON object that scripts rely on, and protobuf there and back.
 #![allow(clippy::unwrap_used)] // the helpers of tests are tests
 
+use boxline::calib::{CalibrationCovariance, PAPER_PARAMETERS, PARAMETERS};
 use boxline::feasibility::Move;
 use boxline::frames::{Plane, Point};
 use boxline::measurement::FaceMeasurement;
@@ -266,6 +267,32 @@ fn calibrations_and_recordings_there_and_back() {
     }
     let more = parse_calibration(more.to_string().as_bytes(), "x").unwrap();
     assert_eq!(decode_calibration(&encode_calibration(&more)).unwrap(), more);
+    for (calibration, size) in [(&calibration, PAPER_PARAMETERS), (&more, PARAMETERS)] {
+        // Every number is another one; those of the planes are as small as theirs.
+        let covariance = CalibrationCovariance::from_fn(|i, j| {
+            let (low, high) = (i.min(j), i.max(j));
+            let own = |i: usize| if (6..PAPER_PARAMETERS).contains(&i) { 1e-6 } else { 1e-3 };
+            let part = if i == j { 1.0 } else { 0.01 / (1 + low + 7 * high) as f64 };
+            if high < size { own(i) * own(j) * part } else { 0.0 }
+        });
+        let known = calibration.clone().with_covariance(covariance).unwrap();
+        let bytes = encode_calibration(&known);
+        assert_eq!(decode_calibration(&bytes).unwrap(), known);
+        assert!(bytes.len() < 2500, "{} bytes for the head's store", bytes.len());
+        // As a program reads it that does not know the field, and as one reads a store from before it.
+        let mut message = v1::Calibration::decode(&bytes[..]).unwrap();
+        assert_eq!(message.covariance.len(), size * (size + 1) / 2);
+        message.covariance.clear();
+        let unknown = decode_calibration(&message.encode_to_vec()).unwrap();
+        assert_eq!((unknown.covariance(), unknown.camera()), (None, known.camera()));
+        for (broken, needed) in
+            [(vec![1.0; 170], "covariance: found 170"), (vec![f64::NAN; 171], "covariance[0][0]")]
+        {
+            message.covariance = broken;
+            let error = decode_calibration(&message.encode_to_vec()).unwrap_err().to_string();
+            assert!(error.contains(needed), "{error}");
+        }
+    }
     let json = std::fs::read(data.join("b02/recording.json")).unwrap();
     let recording = parse_recording(&json, "x", Path::new("x")).unwrap();
     assert_eq!(decode_recording(&encode_recording(&recording).unwrap(), Path::new("x")).unwrap(), recording);

@@ -35,8 +35,10 @@ pub struct Found {
     pub product: (u16, u16),
     /// Bus and address.
     pub place: (u8, u8),
-    /// What it is, or why that is not known.
+    /// What it is, or why that is not known or it cannot be used.
     pub state: Result<Identity, String>,
+    /// Contradictions in its descriptors, also of a camera that cannot be used for them.
+    pub findings: Vec<Finding>,
 }
 
 /// What a device says it is.
@@ -51,9 +53,8 @@ pub struct Identity {
 pub(crate) struct Inner {
     pub handle: Handle,
     pub video: VideoFunction,
-    descriptors: (Vec<u8>, Vec<u8>),
+    asked: Asked,
     extension_unit: Option<u8>,
-    serial: String,
     /// A laser was switched on and not all off since.
     lasers_on: AtomicBool,
 }
@@ -64,18 +65,65 @@ pub struct Device {
     pub(crate) inner: Arc<Inner>,
 }
 
-/// All cameras that the system shows.
+/// All cameras that the system shows. They are only asked for their descriptors: a program that has one keeps it.
 pub fn devices() -> Result<Vec<Found>, Error> {
     let mut found = Vec::new();
     for listed in sys::list()? {
-        let state = match listed.open().and_then(Device::new) {
-            Ok(device) => Ok(Identity { serial: device.serial().to_owned(), is_head: device.is_head() }),
-            Err(e) if e.kind() == ErrorKind::Unsupported => continue, // no camera
-            Err(e) => Err(e.to_string()),
+        let (state, findings) = match listed.open().and_then(|handle| Asked::ask(&handle)) {
+            Ok(asked) => {
+                if asked.video().is_err_and(|e| e.kind() == ErrorKind::Unsupported) {
+                    continue; // no camera
+                }
+                (asked.identity().map_err(|e| e.to_string()), asked.lint())
+            }
+            Err(e) => (Err(e.to_string()), Vec::new()),
         };
-        found.push(Found { product: (listed.vendor_id, listed.product_id), place: listed.place, state });
+        let product = (listed.vendor_id, listed.product_id);
+        found.push(Found { product, place: listed.place, state, findings });
     }
     Ok(found)
+}
+
+/// What a device answers without being taken from whoever has it: its descriptors.
+pub(crate) struct Asked {
+    device: Vec<u8>,
+    configuration: Vec<u8>,
+    serial: String,
+}
+
+impl Asked {
+    pub(crate) fn ask(handle: &Handle) -> Result<Self, Error> {
+        let descriptor = |kind: u16, index: u16, length: u16| {
+            let (value, language) = (kind << 8 | index, if kind == 3 { 0x0409 } else { 0 });
+            handle
+                .control(0x80, 6, value, language, ControlData::In(length), CONTROL_LIMIT)
+                .map_err(|code| code.error(format!("reading descriptor {kind}")))
+        };
+        let device = descriptor(1, 0, 18)?;
+        let head = descriptor(2, 0, 9)?;
+        let total = head.get(2..4).map_or(9, |b| u16::from_le_bytes([b[0], b[1]]));
+        let configuration = descriptor(2, 0, total)?;
+        // A broken device descriptor is told by `identity`, after `lint` had it.
+        let serial = match DeviceDescriptor::parse(&device).map_or(0, |parsed| parsed.serial_string) {
+            0 => String::new(),
+            index => text_of(&descriptor(3, index.into(), 255)?),
+        };
+        Ok(Self { device, configuration, serial })
+    }
+
+    fn video(&self) -> Result<VideoFunction, Error> {
+        VideoFunction::parse(&Configuration::parse(&self.configuration)?)
+    }
+
+    fn identity(&self) -> Result<Identity, Error> {
+        DeviceDescriptor::parse(&self.device)?;
+        let is_head = self.video()?.extension(&GUID).is_some();
+        Ok(Identity { serial: self.serial.clone(), is_head })
+    }
+
+    fn lint(&self) -> Vec<Finding> {
+        lint(&self.device, &self.configuration)
+    }
 }
 
 impl Device {
@@ -84,7 +132,14 @@ impl Device {
         Self::new(Handle::from_fd(fd)?)
     }
 
-    /// Finds and opens the one device that is meant. A device that cannot be asked is skipped if another one fits.
+    /// What the device behind a descriptor of usbfs is, as [`devices`] asks it: nothing is taken from a program that has it.
+    pub fn identify(fd: BorrowedFd<'_>) -> Result<(Result<Identity, Error>, Vec<Finding>), Error> {
+        let asked = Asked::ask(&Handle::from_fd(fd)?)?;
+        Ok((asked.identity(), asked.lint()))
+    }
+
+    /// Finds and opens the one device that is meant; others are left to whoever has them. A device that cannot be asked is skipped if
+    /// another one fits.
     pub fn open(selector: &Selector) -> Result<Self, Error> {
         let mut fitting = Vec::new();
         let mut failure = None;
@@ -92,14 +147,16 @@ impl Device {
             if selector.product.is_some_and(|product| product != (listed.vendor_id, listed.product_id)) {
                 continue;
             }
-            match listed.open().and_then(Self::new) {
-                Ok(device) => {
-                    let named = selector.serial.as_ref().is_none_or(|serial| serial == device.serial());
-                    // Without a number or name any camera would do: only heads are meant.
-                    if named && (device.is_head() || selector != &Selector::default()) {
-                        fitting.push(device);
-                    }
-                }
+            let opened = listed.open().and_then(|handle| {
+                let asked = Asked::ask(&handle)?;
+                let identity = asked.identity()?;
+                let named = selector.serial.as_ref().is_none_or(|serial| *serial == identity.serial);
+                // Without a number or name any camera would do: only heads are meant.
+                let meant = named && (identity.is_head || selector != &Selector::default());
+                if meant { Self::take(handle, asked).map(Some) } else { Ok(None) }
+            });
+            match opened {
+                Ok(device) => fitting.extend(device),
                 Err(e) if e.kind() == ErrorKind::Unsupported => {}
                 Err(e) => failure = Some(e),
             }
@@ -116,44 +173,26 @@ impl Device {
     }
 
     fn new(handle: Handle) -> Result<Self, Error> {
-        let descriptor = |kind: u16, index: u16, length: u16| {
-            let value = kind << 8 | index;
-            let what = format!("reading descriptor {kind}");
-            handle
-                .control(
-                    0x80,
-                    6,
-                    value,
-                    if kind == 3 { 0x0409 } else { 0 },
-                    ControlData::In(length),
-                    CONTROL_LIMIT,
-                )
-                .map_err(|code| code.error(what))
-        };
-        let device_bytes = descriptor(1, 0, 18)?;
-        let head = descriptor(2, 0, 9)?;
-        let total = head.get(2..4).map_or(9, |b| u16::from_le_bytes([b[0], b[1]]));
-        let configuration_bytes = descriptor(2, 0, total)?;
-        let parsed = DeviceDescriptor::parse(&device_bytes)?;
-        let video = VideoFunction::parse(&Configuration::parse(&configuration_bytes)?)?;
-        let serial = match parsed.serial_string {
-            0 => String::new(),
-            index => text_of(&descriptor(3, index.into(), 255)?),
-        };
+        let asked = Asked::ask(&handle)?;
+        asked.identity()?;
+        Self::take(handle, asked)
+    }
+
+    /// Takes its control interface, from Linux's own driver too.
+    fn take(handle: Handle, asked: Asked) -> Result<Self, Error> {
+        let video = asked.video()?;
         let extension_unit = video.extension(&GUID).map(|(unit, _)| unit);
         handle
             .claim(video.control_interface)
             .map_err(|code| code.error(format!("taking interface {}", video.control_interface)))?;
-        let descriptors = (device_bytes, configuration_bytes);
-        let lasers_on = AtomicBool::new(false);
-        let inner = Inner { handle, video, descriptors, extension_unit, serial, lasers_on };
+        let inner = Inner { handle, video, asked, extension_unit, lasers_on: AtomicBool::new(false) };
         inner.check_extension()?;
         Ok(Self { inner: Arc::new(inner) })
     }
 
     /// Serial number of the device descriptor; empty if it has none.
     pub fn serial(&self) -> &str {
-        &self.inner.serial
+        &self.inner.asked.serial
     }
 
     /// Whether it has lasers and a calibration store.
@@ -168,7 +207,7 @@ impl Device {
 
     /// Contradictions in its descriptors.
     pub fn lint(&self) -> Vec<Finding> {
-        lint(&self.inner.descriptors.0, &self.inner.descriptors.1)
+        self.inner.asked.lint()
     }
 
     /// Switches lasers and reads back. While no stream is read, repeat it at least once a second, or they go out.

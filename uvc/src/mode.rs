@@ -51,13 +51,7 @@ pub fn choose_mode(video: &VideoFunction) -> Result<Mode, Error> {
         let text = format!("no alternate setting of interface {} carries the stream", stream.number);
         return Err(Error::new(ErrorKind::Unsupported, text));
     }
-    let interval = frame
-        .intervals
-        .iter()
-        .copied()
-        .filter(|interval| *interval > 0)
-        .min_by_key(|interval| interval.abs_diff(PREFERRED_INTERVAL))
-        .unwrap_or(PREFERRED_INTERVAL);
+    let interval = frame.intervals.nearest(PREFERRED_INTERVAL).unwrap_or(PREFERRED_INTERVAL);
     let mut reasons = Vec::new();
     if (frame.width, frame.height) != PREFERRED_SIZE {
         reasons.push(format!("no {width}x{height}, taking {}x{}", frame.width, frame.height));

@@ -110,8 +110,7 @@ impl Stream {
         let streaming = inner.video.streaming.iter().find(|stream| stream.number == mode.interface);
         let streaming = streaming
             .ok_or_else(|| Error::new(ErrorKind::Unsupported, "the streaming interface is not there"))?;
-        let isochronous = streaming.alternates.iter().all(|a| a.endpoint.kind == EndpointKind::Isochronous);
-        if isochronous {
+        if streaming.alternates.iter().any(|alternate| alternate.setting != 0) {
             inner
                 .handle
                 .set_alternate(mode.interface, 0)
@@ -265,7 +264,8 @@ fn set_alternate(
     fallback: &mut Vec<String>,
 ) -> Result<Alternate, Error> {
     for alternate in alternates_to_try(streaming, probe.max_payload_bytes) {
-        if alternate.endpoint.kind == EndpointKind::Bulk {
+        // Setting 0 is in force already. A camera of one setting need not even know SET_INTERFACE.
+        if alternate.setting == 0 {
             return Ok(alternate);
         }
         match inner.handle.set_alternate(streaming.number, alternate.setting) {
@@ -274,8 +274,16 @@ fn set_alternate(
                 return Err(code.error("setting the stream's bandwidth"));
             }
             Err(code) => {
-                let bytes = alternate.endpoint.bytes_per_interval();
-                fallback.push(code.error(format!("no room for {bytes} bytes in a microframe")).to_string());
+                let what = match alternate.endpoint.kind {
+                    EndpointKind::Bulk => format!("no alternate setting {}", alternate.setting),
+                    _ => {
+                        format!(
+                            "no room for {} bytes in a microframe",
+                            alternate.endpoint.bytes_per_interval()
+                        )
+                    }
+                };
+                fallback.push(code.error(what).to_string());
             }
         }
     }
@@ -347,8 +355,8 @@ impl Pump {
         let (handle, interface) = (&self.inner.handle, self.interface);
         if !lost {
             // The head switches its lasers off at either of these.
-            match self.alternate.endpoint.kind {
-                EndpointKind::Bulk => handle.clear_halt(self.alternate.endpoint.address),
+            match self.alternate.setting {
+                0 => handle.clear_halt(self.alternate.endpoint.address),
                 _ => handle.set_alternate(interface, 0),
             }
             .ok();

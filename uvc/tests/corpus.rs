@@ -10,6 +10,7 @@ use boxline_uvc::descriptor::UvcVersion;
 use boxline_uvc::emulator::{Pipe, Settings, SoftwareHead, WithoutBus};
 use boxline_uvc::head::{Control, Controls};
 use boxline_uvc::store;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -19,7 +20,27 @@ fn folder(target: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus").join(target)
 }
 
-fn run(target: &str, seeds: Vec<(String, Vec<u8>)>, check: fn(&[u8])) {
+fn files_in(folder: &Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    let mut files: Vec<_> = entries.filter(|path| path.is_file()).collect();
+    files.sort();
+    files
+}
+
+/// Descriptors of real cameras, which lie beside the tree.
+fn real_cameras() -> Vec<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/cases/descriptors");
+    if !folder.is_dir() {
+        let mut stdout = std::io::stdout(); // what `println!` writes is hidden if the test passes
+        writeln!(stdout, "SKIPPED real cameras: {} is not there", folder.display()).unwrap();
+        return Vec::new();
+    }
+    let all = [files_in(&folder), files_in(&folder.join("broken"))].concat();
+    all.into_iter().filter(|file| file.metadata().unwrap().len() > 0).collect()
+}
+
+/// `beside`: seeds that lie elsewhere.
+fn run(target: &str, seeds: Vec<(String, Vec<u8>)>, beside: Vec<PathBuf>, check: fn(&[u8])) {
     let folder = folder(target);
     if std::env::var_os("REGENERATE").is_some() {
         std::fs::create_dir_all(&folder).unwrap();
@@ -27,9 +48,9 @@ fn run(target: &str, seeds: Vec<(String, Vec<u8>)>, check: fn(&[u8])) {
             std::fs::write(folder.join(name), bytes).unwrap();
         }
     }
-    let mut files: Vec<_> = std::fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()).collect();
-    files.sort();
+    let mut files = files_in(&folder);
     assert!(!files.is_empty(), "no seeds in {}", folder.display());
+    files.extend(beside);
     for file in files {
         let seed = std::fs::read(&file).unwrap();
         check(&seed);
@@ -66,7 +87,7 @@ fn descriptors() {
             seeds.push((format!("{version:?}_{pipe:?}"), bytes));
         }
     }
-    run("descriptors", seeds, hostile::descriptors);
+    run("descriptors", seeds, real_cameras(), hostile::descriptors);
 }
 
 #[test]
@@ -87,7 +108,7 @@ fn payloads() {
         }
         seeds.push((if tagged { "tagged" } else { "plain" }.to_owned(), bytes));
     }
-    run("payloads", seeds, hostile::payloads);
+    run("payloads", seeds, Vec::new(), hostile::payloads);
 }
 
 #[test]
@@ -107,5 +128,10 @@ fn stores() {
     }
     assert_eq!(answers.len(), 18 + 2 * 266);
     let page = answers[20..284].to_vec();
-    run("store", vec![("answers".to_owned(), answers), ("page".to_owned(), page)], hostile::store);
+    run(
+        "store",
+        vec![("answers".to_owned(), answers), ("page".to_owned(), page)],
+        Vec::new(),
+        hostile::store,
+    );
 }

@@ -71,6 +71,72 @@ fn another_size_or_rate_is_taken_with_a_reason() {
     assert!(reason.contains("2592x1944") && reason.contains("10.0"), "{reason}");
 }
 
+/// The frame size of the head with its intervals as a range.
+fn with_range(shortest: u32, longest: u32, step: u32) -> Vec<u8> {
+    let (_, mut configuration) = descriptors(UvcVersion::V1_1, Pipe::Bulk);
+    let at = configuration.windows(3).position(|w| w == [34, 0x24, 7]).unwrap();
+    let mut frame = configuration[at..at + 26].to_vec();
+    (frame[0], frame[25]) = (38, 0);
+    [shortest, longest, step].iter().for_each(|interval| frame.extend(interval.to_le_bytes()));
+    configuration.splice(at..at + 34, frame);
+    let total = (configuration.len() as u16).to_le_bytes();
+    configuration[2..4].copy_from_slice(&total);
+    configuration
+}
+
+#[test]
+fn a_range_of_intervals_offers_what_lies_in_it() {
+    let cases = [
+        (333_333, 2_000_000, 333_333, 666_666), // 5 to 30 frames/s
+        (333_333, 2_000_000, 0, 666_666),       // every interval between them
+        (333_333, 2_000_000, 1, 666_666),
+        (333_333, 2_000_000, 500_000, 833_333), // the nearest step
+        (333_333, 600_000, 100_000, 600_000),   // all too short: the longest, though no step ends at it
+        (1_000_000, 2_000_000, 1, 1_000_000),
+        (666_666, 666_666, 666_666, 666_666),
+        (0, 0, 0, 666_666), // nothing said
+        (u32::MAX, 0, u32::MAX, u32::MAX),
+    ];
+    for (shortest, longest, step, needed) in cases {
+        let mode = choose_mode(&video(&with_range(shortest, longest, step))).unwrap();
+        assert_eq!(mode.interval, needed, "{shortest} to {longest} in steps of {step}");
+        assert_eq!(mode.fallback.is_none(), needed == 666_666, "{:?}", mode.fallback);
+    }
+    let device = boxline_uvc::emulator::descriptors::device();
+    assert!(
+        !lint(&device, &with_range(333_333, 2_000_000, 333_333)).iter().any(|f| f.text.contains("interval"))
+    );
+    for (shortest, longest) in [(0, 9), (9, 8)] {
+        let found = lint(&device, &with_range(shortest, longest, 1));
+        assert!(found.iter().any(|f| f.text.contains("interval")), "{found:?}");
+    }
+}
+
+#[test]
+fn what_is_broken_beside_the_video_is_skipped_and_told() {
+    let (device, good) = descriptors(UvcVersion::V1_1, Pipe::Bulk);
+    let microphone = [9, 4, 2, 0, 1, 1, 2, 0, 0];
+    let with = |more: &[&[u8]], total: isize| {
+        let mut bytes = [&[&good[..]], more].concat().concat();
+        let total = bytes.len().checked_add_signed(total).unwrap() as u16;
+        bytes[2..4].copy_from_slice(&total.to_le_bytes());
+        bytes
+    };
+    let cases = [
+        ("a short endpoint of the microphone", with(&[&microphone, &[5, 5, 0x86, 5, 16]], 0)),
+        ("an endpoint of two bytes", with(&[&microphone, &[2, 5]], 0)),
+        ("a short interface, and an endpoint after it", with(&[&[4, 4, 2, 0], &[7, 5, 0x81, 1, 0, 4, 1]], 0)),
+        ("a total that is too long", with(&[], 7)),
+        ("zeros at the end", with(&[&[0, 0]], 0)),
+        ("a descriptor that does not end", with(&[&microphone, &[7, 5, 0x86]], 0)),
+    ];
+    let head = video(&good);
+    for (what, bytes) in cases {
+        assert_eq!(video(&bytes), head, "{what}");
+        assert!(!lint(&device, &bytes).is_empty(), "{what}");
+    }
+}
+
 #[test]
 fn the_linter_finds_what_hosts_forgive() {
     let find =
@@ -81,7 +147,7 @@ fn the_linter_finds_what_hosts_forgive() {
     let vs = find(&good, &[14, 0x24, 1]);
     let format = find(&good, &[11, 0x24, 6]);
     let cases = [
-        (2, good[2] + 1, "configuration of"),
+        (2, good[2] + 1, "wTotalLength"),
         (2, good[2] - 7, "wTotalLength"),
         (4, 3, "bNumInterfaces"),
         (vc + 5, good[vc + 5] + 1, "class-specific"),

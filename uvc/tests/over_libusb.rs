@@ -83,6 +83,67 @@ fn every_version_streams_over_both_pipes() {
 }
 
 #[test]
+fn a_bulk_endpoint_in_another_setting_gets_its_set_interface() {
+    let settings = Settings { bulk_alternate: 2, ..settings(Pipe::Bulk) };
+    let bus = plug(SoftwareHead::new(settings, pictures(20, MOST)), Plan::default());
+    let device = Device::from_fd(bus.fd()).unwrap();
+    for round in 0..2 {
+        let stream = device.start(&PATIENT).unwrap();
+        assert_eq!(stream.agreed().alternate.setting, 2);
+        let (frames, end) = drain(&bus, &stream);
+        assert_eq!((frames.len(), end), (if round == 0 { 20 } else { 0 }, ErrorKind::Timeout));
+        assert_whole(&frames);
+        device.set_lasers(Lasers::ALL).unwrap();
+        stream.stop().unwrap();
+        assert_eq!(bus.lock().head.lasers(Duration::ZERO), Lasers::OFF);
+    }
+}
+
+#[test]
+fn who_asks_what_a_device_is_takes_nothing_from_it() {
+    let head = || SoftwareHead::new(settings(Pipe::Bulk), pictures(0, MOST));
+    let bus = plug(head(), Plan::default());
+    let requests = Arc::new(AtomicU64::new(0));
+    let to_interfaces = requests.clone();
+    bus.lock().plan.control = Box::new(move |setup| {
+        to_interfaces.fetch_add(u64::from(setup.request_type & 0x1F != 0), Ordering::SeqCst);
+        None
+    });
+    let (identity, findings) = Device::identify(bus.fd()).unwrap();
+    let identity = identity.unwrap();
+    assert_eq!((identity.serial.as_str(), identity.is_head, &findings[..]), ("SOFT-0001", true, &[][..]));
+    // Linux takes an interface for who sends it a request.
+    assert_eq!((bus.lock().claimed, requests.load(Ordering::SeqCst)), (0, 0));
+    drop(Device::from_fd(bus.fd()).unwrap());
+    assert!(bus.lock().claimed > 0 && requests.load(Ordering::SeqCst) > 0);
+    drop(bus);
+    // A camera that is refused is looked at all the same.
+    let (_, mut configuration) = head().descriptors();
+    let at = configuration.windows(3).position(|w| w == [34, 0x24, 7]).unwrap();
+    configuration[at + 25] = 9;
+    let bus = plug(head().with_configuration(configuration), Plan::default());
+    let (identity, findings) = Device::identify(bus.fd()).unwrap();
+    assert_eq!(identity.unwrap_err().kind(), ErrorKind::Descriptor);
+    assert!(!findings.is_empty());
+}
+
+#[test]
+fn a_broken_microphone_does_not_refuse_the_camera() {
+    let head = || SoftwareHead::new(settings(Pipe::Bulk), pictures(5, MOST));
+    let (_, good) = head().descriptors();
+    let mut odd = [&good[..], &[9, 4, 2, 0, 1, 1, 2, 0, 0], &[5, 5, 0x86, 5, 16]].concat();
+    odd[2..4].copy_from_slice(&(good.len() as u16 + 14).to_le_bytes());
+    let mut long = good.clone();
+    long[2..4].copy_from_slice(&(good.len() as u16 + 7).to_le_bytes());
+    for configuration in [odd, long] {
+        let bus = plug(head().with_configuration(configuration), Plan::default());
+        let device = Device::from_fd(bus.fd()).unwrap();
+        assert!(!device.lint().is_empty());
+        assert_eq!(drain(&bus, &device.start(&PATIENT).unwrap()).0.len(), 5);
+    }
+}
+
+#[test]
 fn a_frame_knows_which_lasers_were_on() {
     let bus = plug(SoftwareHead::new(settings(Pipe::Bulk), pictures(u64::MAX, MOST)), Plan::default());
     let device = Device::from_fd(bus.fd()).unwrap();

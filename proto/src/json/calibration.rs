@@ -2,8 +2,9 @@
 //! `covariance`, of fx, fy, cx, cy, k1, k2 and the four planes as `p . X = 1`, p = -(a, b, c) / d in 1/mm, 18 x 18, or with p1, p2, k3
 //! after them 21 x 21; `residuals` and `provenance`, which `boxline calibrate` writes for people and nothing reads.
 
-use super::field::{Field, parse};
+use super::field::Field;
 use super::file;
+use super::syntax::parse_json;
 use boxline::calib::{CalibrationCovariance, PAPER_PARAMETERS, PARAMETERS};
 use boxline::{Calibration, CameraModel, Error, ErrorKind, LaserId};
 use serde_json::{Value, json};
@@ -16,7 +17,7 @@ const FORMAT: &str = "boxline-calibration/1";
 /// # Errors
 /// [`ErrorKind::InvalidCalibration`], naming `name` and the field.
 pub fn parse_calibration(bytes: &[u8], name: &str) -> Result<Calibration, Error> {
-    let value = parse(bytes, name, ErrorKind::InvalidCalibration)?;
+    let value = parse_json(bytes, name, ErrorKind::InvalidCalibration)?;
     let root = Field::root(&value, name, ErrorKind::InvalidCalibration);
     root.check_format(FORMAT)?;
     let camera = root.get("camera")?;
@@ -79,6 +80,12 @@ pub fn camera_json(c: &CameraModel) -> Value {
     value
 }
 
+/// How many rows of a covariance say something: those of p1, p2 and k3 only if the lens has them.
+pub(crate) fn covariance_size(covariance: &CalibrationCovariance) -> usize {
+    let more = (PAPER_PARAMETERS..PARAMETERS).any(|i| covariance[(i, i)] > 0.0);
+    if more { PARAMETERS } else { PAPER_PARAMETERS }
+}
+
 /// A calibration as JSON. Reading it again gives the same calibration to the last bit. Laser planes are scaled to d = -1.
 #[must_use]
 pub fn calibration_json(calibration: &Calibration) -> Value {
@@ -94,8 +101,7 @@ pub fn calibration_json(calibration: &Calibration) -> Value {
         "laser_planes": LaserId::ALL.map(plane),
     });
     if let Some(covariance) = calibration.covariance() {
-        let more = (PAPER_PARAMETERS..PARAMETERS).any(|i| covariance[(i, i)] > 0.0);
-        let size = if more { PARAMETERS } else { PAPER_PARAMETERS };
+        let size = covariance_size(covariance);
         let row = |i: usize| covariance.row(i).iter().take(size).copied().collect::<Vec<f64>>();
         value["covariance"] = json!((0..size).map(row).collect::<Vec<_>>());
     }

@@ -1,5 +1,6 @@
 //! Walks a parsed JSON value and remembers the way, so that every complaint names file and field.
 
+use super::syntax::short;
 use boxline::{Error, ErrorKind};
 use serde_json::Value;
 
@@ -9,38 +10,6 @@ pub(super) struct Field<'a> {
     kind: ErrorKind,
     path: String,
     value: &'a Value,
-}
-
-/// Parses the bytes of a file.
-pub(super) fn parse(bytes: &[u8], file: &str, kind: ErrorKind) -> Result<Value, Error> {
-    serde_json::from_slice(bytes).map_err(|e| {
-        let after =
-            last_key(bytes, e.line(), e.column()).map_or(String::new(), |key| format!(" (after {key:?})"));
-        Error::new(kind, format!("{file}: not JSON: {e}{after}")).with_source(e)
-    })
-}
-
-/// The last key before a syntax error. `NaN` and `1e999` are syntax errors, and the field is what a user looks for.
-fn last_key(bytes: &[u8], line: usize, column: usize) -> Option<String> {
-    let mut line_start = 0;
-    for _ in 1..line {
-        line_start += bytes.get(line_start..)?.iter().position(|b| *b == b'\n')? + 1;
-    }
-    let before = bytes.get(..(line_start + column).min(bytes.len()))?;
-    let before =
-        before.get(..before.iter().rposition(|b| *b == b':')?)?.trim_ascii_end().strip_suffix(b"\"")?;
-    let key = before.get(before.iter().rposition(|b| *b == b'"')? + 1..)?;
-    Some(short(&String::from_utf8_lossy(key)))
-}
-
-/// Hostile text is quoted in messages, but not at length.
-fn short(text: &str) -> String {
-    const MOST: usize = 48;
-    if text.chars().count() <= MOST {
-        text.to_owned()
-    } else {
-        text.chars().take(MOST).chain("...".chars()).collect()
-    }
 }
 
 fn describe(value: &Value) -> String {

@@ -1,7 +1,8 @@
 //! `recording.json`, format `boxline-recording/1`: which frames a folder holds and which calibration belongs to them.
 
-use super::field::{Field, parse};
+use super::field::Field;
 use super::file;
+use super::syntax::parse_json;
 use boxline::{Error, ErrorKind};
 use serde_json::{Value, json};
 use std::path::{Component, Path, PathBuf};
@@ -89,7 +90,7 @@ pub fn read_recording(folder: &Path) -> Result<Recording, Error> {
 /// # Errors
 /// [`ErrorKind::InvalidFile`], naming `name` and the field.
 pub fn parse_recording(bytes: &[u8], name: &str, folder: &Path) -> Result<Recording, Error> {
-    let value = parse(bytes, name, ErrorKind::InvalidFile)?;
+    let value = parse_json(bytes, name, ErrorKind::InvalidFile)?;
     let root = Field::root(&value, name, ErrorKind::InvalidFile);
     root.check_format(FORMAT)?;
     let serial = root.get("device")?.get("serial")?.text()?.to_owned();

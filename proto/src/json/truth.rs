@@ -1,10 +1,14 @@
 //! `truth.json` (what the scene was; only for testing) and `board.json` (the calibration board).
 
-use super::field::{Field, parse};
+use super::field::Field;
 use super::file;
+use super::syntax::parse_json;
 use boxline::{Error, ErrorKind};
 use std::collections::BTreeMap;
 use std::path::Path;
+
+/// Pitches and diameters of boards, mm: others are of another unit.
+pub const BOARD_SIZES_MM: std::ops::RangeInclusive<f64> = 1.0..=1000.0;
 
 /// What a recording's scene was.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -168,7 +172,7 @@ pub fn read_truth(folder: &Path) -> Result<Option<Truth>, Error> {
 /// # Errors
 /// [`ErrorKind::InvalidFile`], naming `name` and the field.
 pub fn parse_truth(bytes: &[u8], name: &str) -> Result<Truth, Error> {
-    let value = parse(bytes, name, ErrorKind::InvalidFile)?;
+    let value = parse_json(bytes, name, ErrorKind::InvalidFile)?;
     let root = Field::root(&value, name, ErrorKind::InvalidFile);
     // A calibration set's truth has board poses in place of faces.
     let faces = if root.optional("board_poses")?.is_some() {
@@ -354,7 +358,7 @@ pub fn read_board(path: &Path) -> Result<Board, Error> {
 /// # Errors
 /// [`ErrorKind::InvalidFile`], naming `name` and the field.
 pub fn parse_board(bytes: &[u8], name: &str) -> Result<Board, Error> {
-    let value = parse(bytes, name, ErrorKind::InvalidFile)?;
+    let value = parse_json(bytes, name, ErrorKind::InvalidFile)?;
     let root = Field::root(&value, name, ErrorKind::InvalidFile);
     root.check_format("boxline-board/1")?;
     root.get("kind")?.one_of(&[("circles", ())])?;
@@ -368,11 +372,20 @@ pub fn parse_board(bytes: &[u8], name: &str) -> Result<Board, Error> {
             Err(field.error(format_args!("found {count}, 2 to 1000 are allowed")))
         }
     };
+    let size = |key: &str| {
+        let field = root.get(key)?;
+        let mm = field.positive()?;
+        if BOARD_SIZES_MM.contains(&mm) {
+            return Ok(mm);
+        }
+        let (least, most) = (BOARD_SIZES_MM.start(), BOARD_SIZES_MM.end());
+        Err(field.error(format_args!("found {mm}, {least} to {most} mm are allowed")))
+    };
     let board = Board {
         columns: circles("columns")?,
         rows: circles("rows")?,
-        pitch_mm: root.get("pitch_mm")?.positive()?,
-        diameter_mm: root.get("diameter_mm")?.positive()?,
+        pitch_mm: size("pitch_mm")?,
+        diameter_mm: size("diameter_mm")?,
         width_mm: root.get("width_mm")?.positive()?,
         height_mm: root.get("height_mm")?.positive()?,
         thickness_mm: root.get("thickness_mm")?.positive()?,

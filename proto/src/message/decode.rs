@@ -3,6 +3,7 @@
 
 use super::{DecodedReport, v1};
 use crate::json::{Laser, RecordedFrame, Recording, Role, resolved_path};
+use boxline::calib::{CalibrationCovariance, PAPER_PARAMETERS, PARAMETERS};
 use boxline::feasibility::Move;
 use boxline::frames::{Plane, Point};
 use boxline::measurement::FaceMeasurement;
@@ -327,8 +328,26 @@ pub(super) fn calibration(message: v1::Calibration) -> Result<Calibration, Error
     let planes: Vec<_> = message.laser_planes.iter().map(|p| [p.a, p.b, p.c, p.d]).collect();
     let planes = <[[f64; 4]; 4]>::try_from(planes)
         .map_err(|found| invalid(format!("laser_planes: found {}, 4 are needed", found.len())))?;
-    // `Calibration::new` checks every number.
-    Calibration::new(message.serial, [message.width_px, message.height_px], camera, planes)
+    // `Calibration::new` and `with_covariance` check every number.
+    let calibration =
+        Calibration::new(message.serial, [message.width_px, message.height_px], camera, planes)?;
+    if message.covariance.is_empty() {
+        return Ok(calibration);
+    }
+    let size =
+        [PAPER_PARAMETERS, PARAMETERS].into_iter().find(|n| n * (n + 1) / 2 == message.covariance.len());
+    let size = size.ok_or_else(|| {
+        invalid(format!("covariance: found {}, none, 171 or 231 are needed", message.covariance.len()))
+    })?;
+    let mut values = message.covariance.iter();
+    let mut covariance = CalibrationCovariance::zeros();
+    for i in 0..size {
+        for j in 0..=i {
+            let value = values.next().copied().unwrap_or_default(); // as many as there are
+            (covariance[(i, j)], covariance[(j, i)]) = (value, value);
+        }
+    }
+    calibration.with_covariance(covariance)
 }
 
 pub(super) fn recording(message: v1::Recording, folder: &Path) -> Result<Recording, Error> {

@@ -1,7 +1,7 @@
 //! Messages from core types.
 
 use super::v1;
-use crate::json::{Laser, RecordedFrame, Recording, Role};
+use crate::json::{Laser, RecordedFrame, Recording, Role, covariance_size};
 use boxline::feasibility::Move;
 use boxline::measurement::FaceMeasurement;
 use boxline::{
@@ -174,7 +174,14 @@ pub(super) fn calibration(calibration: &Calibration) -> v1::Calibration {
             k3: c.k3,
         }),
         laser_planes: LaserId::ALL.map(laser_plane).to_vec(),
+        covariance: covariance(calibration),
     }
+}
+
+/// The lower triangle, as long as there is something in it.
+fn covariance(calibration: &Calibration) -> Vec<f64> {
+    let Some(all) = calibration.covariance() else { return Vec::new() };
+    (0..covariance_size(all)).flat_map(|i| (0..=i).map(move |j| all[(i, j)])).collect()
 }
 
 pub(super) fn recording(recording: &Recording) -> Result<v1::Recording, Error> {

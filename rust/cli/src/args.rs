@@ -7,7 +7,7 @@ use boxline::{EdgeMethod, Error, ErrorKind, Method, Settings};
 use boxline_edgenet::{AnyNet, EdgeNet, Options};
 #[cfg(feature = "render")]
 use boxline_sim::{Hazards, HeadKind, board::Faults, recording::Kind};
-use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
+use clap::{Arg, Args as ClapArgs, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
@@ -20,6 +20,23 @@ const EXIT_CODES: &str =
 pub struct Args {
     #[command(subcommand)]
     pub command: Command,
+}
+
+impl Args {
+    /// Reads the command line.
+    ///
+    /// # Errors
+    /// What clap says: a usage error, or the help that was asked for.
+    pub fn read() -> Result<Self, clap::Error> {
+        Self::from_arg_matches(&taking_negative_numbers(Self::command()).try_get_matches()?)
+    }
+}
+
+/// So that `--length -800` is told what a length is, not that there is no option `-8`.
+fn taking_negative_numbers(command: clap::Command) -> clap::Command {
+    let takes = |arg: &Arg| !arg.is_positional() && arg.get_action().takes_values();
+    let command = command.mut_args(|arg| if takes(&arg) { arg.allow_negative_numbers(true) } else { arg });
+    command.mut_subcommands(taking_negative_numbers)
 }
 
 #[derive(Subcommand)]
@@ -114,6 +131,7 @@ Exit codes: 0 predicted, 2 broken input or usage.")]
 Example:
   boxline devices --lint
 
+Cameras are only asked for their descriptors: a program that has one keeps it.
 Exit codes: 0 listed, also if there is none; 2 the bus cannot be read.")]
     Devices(crate::head::DevicesArgs),
     /// Switches the lasers of a head
@@ -456,11 +474,19 @@ pub struct NetworkArgs {
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
     /// Threads of the network; needs ONNX Runtime, whose library is looked for beside the program and in ORT_DYLIB_PATH
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = threads)]
     pub threads: Option<NonZeroUsize>,
     /// Refuse what is less likely to be right than this, 0 to 1; rust/ACCURACY.md has the curve
     #[arg(long, value_name = "P", default_value_t = LEAST_CONFIDENCE, value_parser = probability)]
     pub least_confidence: f64,
+}
+
+/// More threads than this spend their time waiting for each other; thousands never end.
+const MOST_THREADS: usize = 64;
+
+fn threads(text: &str) -> Result<NonZeroUsize, String> {
+    let count = text.parse().ok().filter(|n: &NonZeroUsize| n.get() <= MOST_THREADS);
+    count.ok_or_else(|| format!("1 to {MOST_THREADS} threads"))
 }
 
 fn probability(text: &str) -> Result<f64, String> {

@@ -2,8 +2,9 @@
 //! sunlight can be subtracted. Where the cable comes out, the view is taken again as soon as the head is back.
 
 use crate::Finished;
-use crate::head::DeviceChoice;
+use crate::head::{DeviceChoice, warn_without_covariance};
 use crate::input::Usage;
+use crate::say::say;
 use anyhow::Context;
 use boxline::Calibration;
 use boxline_proto::json::{
@@ -113,7 +114,7 @@ pub fn capture(args: &CaptureArgs) -> anyhow::Result<Finished> {
     let calibration = calibration(args, &camera.device)?;
     let agreed = camera.stream.agreed().clone();
     for reason in agreed.mode.fallback.iter().chain(&agreed.fallback) {
-        eprintln!("note: {reason}");
+        say(&format!("note: {reason}"));
     }
     let bar = ProgressBar::new(u64::from(args.views))
         .with_style(ProgressStyle::with_template("{bar:30} view {pos}/{len} {msg}")?);
@@ -123,7 +124,7 @@ pub fn capture(args: &CaptureArgs) -> anyhow::Result<Finished> {
     for view in 0..args.views {
         let name = char::from(b'a' + view);
         if std::io::stdin().is_terminal() {
-            bar.suspend(|| eprintln!("view {name}: point the head, then press Enter"));
+            bar.suspend(|| say(&format!("view {name}: point the head, then press Enter")));
             std::io::stdin().read_line(&mut String::new())?;
         }
         let pair = loop {
@@ -131,7 +132,7 @@ pub fn capture(args: &CaptureArgs) -> anyhow::Result<Finished> {
             match lit.and_then(|lit| Ok([lit, camera.frame(Lasers::OFF, &bar)?])) {
                 Ok(pair) => break pair,
                 Err(e) if may_come_back(&e) => {
-                    bar.suspend(|| eprintln!("note: {e}; waiting for the head"));
+                    bar.suspend(|| say(&format!("note: {e}; waiting for the head")));
                     counters.push(camera.stream.counters());
                     // Closed before it is opened again, so that the new one finds the interfaces free.
                     drop(camera);
@@ -190,7 +191,9 @@ fn calibration(args: &CaptureArgs, device: &Device) -> anyhow::Result<Calibratio
         return Ok(read_calibration(file)?);
     }
     let bytes = store::read(device, |_, _| ()).context("no --calibration was given")?;
-    decode_calibration(&bytes).context("the calibration stored in the head")
+    let stored = decode_calibration(&bytes).context("the calibration stored in the head")?;
+    warn_without_covariance(&stored);
+    Ok(stored)
 }
 
 fn reopen(selector: &Selector, limit: Duration, mut last: Error) -> anyhow::Result<Camera> {

@@ -7,7 +7,7 @@ use crate::Finished;
 use crate::input::Usage;
 use boxline::calib::opencv::{OpenCvCamera, RefitResidual, from_opencv, to_opencv};
 use boxline::{Calibration, Error, ErrorKind};
-use boxline_proto::json::{calibration_json, read_calibration, write_json};
+use boxline_proto::json::{calibration_json, parse_json, read_calibration, write_json};
 use clap::{Args as ClapArgs, ValueEnum};
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -50,7 +50,7 @@ pub fn convert(args: &ConvertArgs) -> anyhow::Result<Finished> {
     let calibration = read_calibration(&args.calibration)?;
     let (width, height) = (calibration.width_px(), calibration.height_px());
     let (value, residual) = if let Some(path) = args.camera.as_ref().filter(|_| args.from.is_some()) {
-        let camera = read_opencv(path, width, height).map_err(|e| e.in_context(path.display()))?;
+        let camera = read_opencv(path, width, height)?;
         let (camera, residual) = from_opencv(&camera, width, height).ok_or_else(|| {
             invalid("the distortion has no inverse over the sensor").in_context(path.display())
         })?;
@@ -114,11 +114,25 @@ fn invalid(text: impl Into<String>) -> Error {
 
 fn read_opencv(path: &std::path::Path, width: u32, height: u32) -> Result<OpenCvCamera, Error> {
     use std::io::Read;
-    let io = |e: std::io::Error| Error::new(ErrorKind::Io, format!("cannot read: {e}")).with_source(e);
+    let name = path.display().to_string();
+    let io =
+        |e: std::io::Error| Error::new(ErrorKind::Io, format!("{name}: cannot read: {e}")).with_source(e);
     let mut bytes = Vec::new();
     std::fs::File::open(path).map_err(io)?.take(MAX_BYTES).read_to_end(&mut bytes).map_err(io)?;
-    let value: Value = serde_json::from_slice(&bytes)
-        .map_err(|e| invalid(format!("not OpenCV's JSON: {e}")).with_source(e))?;
+    let value = parse_json(&bytes, &name, ErrorKind::InvalidFile)?;
+    camera_of(&value, width, height).map_err(|e| e.in_context(&name))
+}
+
+fn camera_of(value: &Value, width: u32, height: u32) -> Result<OpenCvCamera, Error> {
+    // The fisheye model has four coefficients of another formula, which look like ours. OpenCV's file does not tell, others do.
+    for key in ["distortion_model", "camera_model", "model"] {
+        let model = value[key].as_str().unwrap_or_default();
+        if ["fisheye", "equidistant"].iter().any(|name| model.to_ascii_lowercase().contains(name)) {
+            return Err(invalid(format!(
+                "{key} is {model:?}: only lenses with k1, k2, p1, p2, k3 are understood"
+            )));
+        }
+    }
     for (key, needed) in [("image_width", width), ("image_height", height)] {
         if let Some(found) = value[key].as_u64().filter(|found| *found != u64::from(needed)) {
             return Err(invalid(format!("{key} is {found}, the calibration has {needed}")));

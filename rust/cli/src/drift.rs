@@ -3,6 +3,7 @@
 use crate::Finished;
 use crate::args::How;
 use crate::input::{Usage, lit_faces, read_frame};
+use crate::say::say;
 use anyhow::Context;
 use boxline::drift::{Direction, DirectionKind, Drift, LaserMotion, ObservedFace, estimate_drift};
 use boxline::{Calibration, FaceMeasurement, FaceOutcome, LaserId, StageTimes, measure_face};
@@ -74,12 +75,12 @@ pub fn drift(args: &DriftArgs) -> anyhow::Result<Finished> {
     let mut ruled = 0;
     for (index, recording) in recordings.iter().enumerate() {
         if recording.serial != calibration.serial() {
-            eprintln!(
+            say(&format!(
                 "warning: {} is of head {}, the calibration of head {}",
                 recording.folder.display(),
                 recording.serial,
                 calibration.serial()
-            );
+            ));
         }
         for recorded in lit_faces(recording) {
             let frame = read_frame(&recorded.file)?;

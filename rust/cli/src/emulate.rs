@@ -2,6 +2,7 @@
 
 use crate::Finished;
 use crate::input::Usage;
+use crate::say::say;
 use anyhow::Context;
 use boxline::Calibration;
 use boxline_proto::json::{Laser, Recording, read_calibration, read_recording};
@@ -85,15 +86,15 @@ pub fn emulate(args: &EmulateArgs) -> anyhow::Result<Finished> {
         Some(address) => {
             let listener = TcpListener::bind(address).with_context(|| address.clone())?;
             let address = listener.local_addr()?;
-            eprintln!(
+            say(&format!(
                 "listening: modprobe vhci-hcd; usbip --tcp-port {} attach -r {} -b 1-1",
                 address.port(),
                 address.ip()
-            );
-            usbip::listen(&listener, head, |what| eprintln!("{what}"))?;
+            ));
+            usbip::listen(&listener, head, say)?;
         }
         None => {
-            eprintln!("attaching to {CONTROLLER}; end with Ctrl-C, which is an unplug");
+            say(&format!("attaching to {CONTROLLER}; end with Ctrl-C, which is an unplug"));
             let (_, result) = usbip::attach(head, Path::new(CONTROLLER));
             result.with_context(|| format!("{CONTROLLER}: needs root and `modprobe vhci-hcd`"))?;
         }

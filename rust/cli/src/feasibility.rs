@@ -23,7 +23,7 @@ pub struct FeasibilityArgs {
     #[arg(long, value_name = "FILE")]
     pub calibration: PathBuf,
     /// Only this face, mm
-    #[arg(long, value_name = "LENGTHxWIDTH", value_parser = size)]
+    #[arg(long, value_name = "LENGTHxWIDTH", allow_hyphen_values = true, value_parser = size)]
     pub face: Option<[f64; 2]>,
     /// Draw sigma of the length over distance (.svg)
     #[arg(long, value_name = "FILE")]

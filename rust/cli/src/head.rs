@@ -2,7 +2,9 @@
 
 use crate::Finished;
 use crate::input::Usage;
+use crate::say::say;
 use anyhow::{Context, bail};
+use boxline::Calibration;
 use boxline_proto::json::{calibration_json, read_calibration, write_json};
 use boxline_proto::message::{decode_calibration, encode_calibration};
 use boxline_uvc::head::{self, Lasers};
@@ -18,7 +20,7 @@ const LASER_REFRESH: Duration = Duration::from_millis(500);
 
 #[derive(ClapArgs)]
 pub struct DevicesArgs {
-    /// Check the descriptors of the head for contradictions
+    /// Check the descriptors of all cameras for contradictions, also of those that cannot be used
     #[arg(long)]
     pub lint: bool,
     /// Print one JSON object
@@ -132,6 +134,7 @@ pub fn list(args: &DevicesArgs) -> anyhow::Result<Finished> {
     let found = devices()?;
     let mut lines = Vec::new();
     let mut objects = Vec::new();
+    let mut findings = Vec::new();
     for device in &found {
         let (vendor, product) = device.product;
         let place = format!("{:03}/{:03}", device.place.0, device.place.1);
@@ -147,14 +150,15 @@ pub fn list(args: &DevicesArgs) -> anyhow::Result<Finished> {
                 objects.push(json!({"place": place, "id": id, "error": why}));
             }
         }
+        findings.extend(device.findings.iter().map(|finding| format!("{place}: {finding}")));
     }
-    let mut findings = Vec::new();
     if args.lint {
-        findings = Device::open(&Selector::default())?.lint().iter().map(ToString::to_string).collect();
         lines.extend(findings.iter().map(|finding| format!("lint: {finding}")));
-        if findings.is_empty() {
+        if findings.is_empty() && !found.is_empty() {
             lines.push("lint: no contradictions".into());
         }
+    } else {
+        findings.clear();
     }
     if found.is_empty() {
         lines.push("no camera is attached".into());
@@ -188,6 +192,15 @@ pub fn laser(args: &LaserArgs) -> anyhow::Result<Finished> {
     })
 }
 
+/// Says that sigmas will lack the calibration's part: what was stored before the covariance was has none.
+pub fn warn_without_covariance(calibration: &Calibration) {
+    if calibration.covariance().is_none() {
+        say(
+            "warning: the calibration has no covariance, so sigmas will lack its part; `boxline calibrate` gives one",
+        );
+    }
+}
+
 /// Runs `boxline head`.
 pub fn head(args: &HeadArgs) -> anyhow::Result<Finished> {
     let HeadCommand::Calibration(calibration) = &args.command;
@@ -201,6 +214,7 @@ pub fn head(args: &HeadArgs) -> anyhow::Result<Finished> {
             let device = choice.open()?;
             let stored =
                 decode_calibration(&store::read(&device, progress)?).context("stored calibration")?;
+            warn_without_covariance(&stored);
             write_json(output, &calibration_json(&stored))?;
             format!("written {}: calibration of head {}", output.display(), stored.serial())
         }
@@ -216,6 +230,7 @@ pub fn head(args: &HeadArgs) -> anyhow::Result<Finished> {
                 );
                 return Err(Usage(text).into());
             }
+            warn_without_covariance(&calibration);
             let bytes = encode_calibration(&calibration);
             let info = store::write(&device, &bytes, progress)?;
             if usize::try_from(info.length) != Ok(bytes.len()) {

@@ -1,5 +1,6 @@
 //! From paths to decoded frames and a calibration. Every complaint names the file.
 
+use crate::say::say;
 use anyhow::Context;
 use boxline::{Error, ErrorKind, Frame};
 use boxline_proto::json::{Laser, RecordedFrame, Recording, Role};
@@ -72,7 +73,7 @@ pub fn read_recorded(recording: &Recording, frame: &RecordedFrame, with_off: boo
 /// Adds the same view with the lasers off to a frame; one that cannot be laid over it is named and left out.
 pub fn add_off(lit: &mut Frame, path: &Path) -> Result<(), Error> {
     if let Err(e) = lit.add_ambient(&read_frame(path)?) {
-        eprintln!("warning: {}: not used: {e}", path.display());
+        say(&format!("warning: {}: not used: {e}", path.display()));
     }
     Ok(())
 }

@@ -5,6 +5,8 @@
 //! standard error. With `--json` standard output holds exactly one object, also after an error:
 //! `{"outcome": "error", "error": {"kind": "invalid_frame", "text": "a.jpg: ..."}}`.
 
+#![deny(clippy::print_stdout, clippy::print_stderr)] // `say` and `print` write out what steers a terminal
+
 mod args;
 mod calibrate;
 mod capture;
@@ -19,13 +21,14 @@ mod measure;
 mod overlay;
 #[cfg(feature = "render")]
 mod render;
+mod say;
 mod text;
 mod verify;
 mod workers;
 
 use args::{Args, Command};
 use boxline::ErrorKind;
-use clap::Parser;
+use say::{printable, say, text_of};
 use serde_json::json;
 use std::io::Write;
 use std::process::ExitCode;
@@ -40,7 +43,7 @@ struct Finished {
 
 fn main() -> ExitCode {
     let wants_json = std::env::args_os().any(|argument| argument == "--json");
-    let args = match Args::try_parse() {
+    let args = match Args::read() {
         Ok(args) => args,
         Err(e) if e.use_stderr() => {
             let text = e.render();
@@ -67,7 +70,7 @@ fn main() -> ExitCode {
     };
     match finished {
         Ok(Finished { stdout, exit_code }) => print(&stdout, exit_code),
-        Err(e) => fail(kind_of(&e), &format!("{e:#}"), wants_json),
+        Err(e) => fail(kind_of(&e), &text_of(&e), wants_json),
     }
 }
 
@@ -76,10 +79,10 @@ fn print(text: &str, exit_code: u8) -> ExitCode {
         return ExitCode::from(exit_code); // the command has written its result itself
     }
     let mut stdout = std::io::stdout().lock();
-    match stdout.write_all(text.trim_end().as_bytes()).and_then(|()| stdout.write_all(b"\n")) {
+    match stdout.write_all(printable(text.trim_end()).as_bytes()).and_then(|()| stdout.write_all(b"\n")) {
         // A reader that has seen enough (`| head`) is no failure.
         Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
-            eprintln!("error: cannot write the result: {e}");
+            say(&format!("error: cannot write the result: {e}"));
             ExitCode::from(BROKEN_INPUT)
         }
         _ => ExitCode::from(exit_code),
@@ -87,7 +90,7 @@ fn print(text: &str, exit_code: u8) -> ExitCode {
 }
 
 fn fail(kind: &str, text: &str, wants_json: bool) -> ExitCode {
-    eprintln!("error: {text}");
+    say(&format!("error: {text}"));
     if wants_json {
         return print(
             &json!({"outcome": "error", "error": {"kind": kind, "text": text}}).to_string(),

@@ -4,6 +4,7 @@ use crate::Finished;
 use crate::args::{FaceArgs, MeasureArgs, Output};
 use crate::input::{Usage, add_off, box_frames, read_frame};
 use crate::overlay::{self, Headline, View};
+use crate::say::say;
 use crate::text;
 use boxline::{FaceOutcome, Frame, Outcome, StageTimes, measure_box_with_hints, measure_face_with_hint};
 use boxline_proto::json::{RecordedFrame, face_json, read_calibration, read_recording, report_json};
@@ -42,10 +43,10 @@ pub fn measure(args: &MeasureArgs) -> anyhow::Result<Finished> {
     check_overlay(&args.output, &inputs)?;
     let calibration = read_calibration(&calibration)?;
     if let Some(serial) = serial.filter(|serial| serial != calibration.serial()) {
-        eprintln!(
+        say(&format!(
             "warning: the recording is of head {serial}, the calibration of head {}",
             calibration.serial()
-        );
+        ));
     }
     let read = |source: &Source| {
         let mut frame = read_frame(&source.file)?;

@@ -4,6 +4,7 @@ use crate::Finished;
 use crate::input::{box_frames, lit_faces, read_recorded};
 use boxline::calib::uncertainty::{side_sigma_mm, usual_distance_mm};
 use boxline::{Estimate, FaceOutcome, Frame, Outcome, Settings, StageTimes, measure_box, measure_face};
+use boxline_edgenet::{EdgeNet, Options};
 use boxline_proto::json::{read_calibration, read_recording};
 use clap::Args as ClapArgs;
 use serde_json::json;
@@ -42,7 +43,8 @@ pub fn positive(text: &str) -> Result<f64, String> {
 pub fn verify(args: &VerifyArgs) -> anyhow::Result<Finished> {
     let recording = read_recording(&args.folder)?;
     let calibration = read_calibration(&args.calibration)?;
-    let settings = Settings::default();
+    let network = EdgeNet::embedded(&Options::default())?;
+    let settings = Settings { network: Some(&network), ..Settings::default() };
     let mut sides: Vec<Estimate> = Vec::new();
     let mut why = String::new();
     if let Ok(recorded) = box_frames(&recording) {

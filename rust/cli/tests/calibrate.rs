@@ -494,6 +494,7 @@ fn a_camera_goes_to_opencv_and_back() {
     broken(&|v| v["image_width"] = json!(640), "image_width is 640");
     broken(&|v| v["distortion_coefficients"]["data"] = json!(vec![0.1; 8]), "8 numbers");
     broken(&|v| v["camera_matrix"] = json!(null), "camera_matrix");
+    broken(&|v| v["distortion_model"] = json!("cv::fisheye"), "fisheye");
     broken(&|v| v["camera_matrix"]["data"][0] = json!(-5.0), "focal");
     // A lens that our terms leave 27 px of at the corners is none of ours.
     let mut value = good.clone();

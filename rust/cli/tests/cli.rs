@@ -251,6 +251,65 @@ fn broken_calibrations() {
     assert!(said.contains("k2"), "{said}");
 }
 
+#[test]
+fn an_error_is_told_once() {
+    let said = broken_calibration(|text| text[..text.len() / 2].to_owned(), "invalid_calibration");
+    assert_eq!(said.matches("EOF while parsing").count(), 1, "{said}");
+    let said = fails(&["face", text(&data("b02")), "--calibration", text(&calibration())], "io");
+    assert_eq!(said.matches("os error").count(), 1, "{said}");
+}
+
+#[test]
+fn negative_numbers_are_told_what_is_needed() {
+    let b02 = data("b02");
+    let (b02, calibration) = (text(&b02), calibration());
+    let calibrated = ["--calibration", text(&calibration)];
+    for (arguments, needed) in [
+        (&["verify", b02, "--length", "-800"][..], "a positive number of mm"),
+        (&["drift", b02, "--length", "-800"], "a positive number of mm"),
+        (&["feasibility", "--face", "-800x600"], "LENGTHxWIDTH"),
+        (&["face", "a.jpg", "--drift-mrad", "-1"], "0 to 10 mrad"),
+        (&["face", "a.jpg", "--least-confidence", "-0.5"], "0 to 1"),
+        (&["face", "a.jpg", "--threads", "-2"], "1 to 64 threads"),
+        (&["face", "a.jpg", "--threads", "2000"], "1 to 64 threads"),
+    ] {
+        let said = fails(&[arguments, &calibrated].concat(), "usage");
+        assert!(said.contains(needed) && !said.contains("unexpected argument"), "{arguments:?}: {said}");
+    }
+    for arguments in [
+        &["laser", "all", "--seconds", "-1"][..],
+        &["head", "calibration", "read", "-o", "x", "--device", "-1"],
+    ] {
+        let output = boxline(arguments);
+        assert_eq!(output.status.code(), Some(2));
+        assert!(!stderr(&output).contains("unexpected argument"), "{}", stderr(&output));
+    }
+}
+
+#[test]
+fn nothing_that_is_read_steers_the_terminal() {
+    const CLEAR: &str = "\\u001b[2J\\u0007\\u009b";
+    let folder =
+        recording(&[frame(&format!("a{CLEAR}"), "a.jpg", "on"), frame("b", "b.jpg", "on")].join(","));
+    let file = folder.path().join("calibration.json");
+    let other = std::fs::read_to_string(&file).unwrap().replace("SIM-0001", &format!("S{CLEAR}"));
+    std::fs::write(&file, other).unwrap();
+    let strange = folder.path().join("\u{1b}[31m.jpg");
+    for arguments in [
+        &["measure", text(folder.path())][..],
+        &["measure", text(folder.path()), "--json"],
+        &["drift", text(folder.path())],
+        &["face", text(&strange), "--calibration", text(&file)],
+    ] {
+        let output = boxline(arguments);
+        let said = stdout(&output) + &stderr(&output);
+        assert!(!said.contains(|c: char| c.is_control() && c != '\n'), "{arguments:?}: {said:?}");
+        assert!(said.contains("\\u001b["), "{arguments:?}: {said:?}");
+    }
+    let object = json_of(&boxline(&["measure", text(folder.path()), "--json"]));
+    assert_eq!(object["faces"][0]["frame"], "a\u{1b}[2J\u{7}\u{9b}");
+}
+
 /// A recording with this manifest, made of frames of b02.
 fn recording(frames: &str) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();

@@ -16,6 +16,9 @@ pub(crate) const PLANES: usize = 6;
 /// The camera's parameters.
 pub const CAMERA: [usize; 9] = [0, 1, 2, 3, 4, 5, 18, 19, 20];
 
+/// The planes of one pair differ by more, as parts of 1 / distance.
+const LEAST_DIFFERENCE: f64 = 0.01;
+
 /// Covariance of a calibration's parameters. Terms that the lens has not are known to be 0: no variance.
 pub type CalibrationCovariance = SMatrix<f64, PARAMETERS, PARAMETERS>;
 
@@ -61,6 +64,17 @@ impl Calibration {
                 )));
             }
         }
+        // A frame cut out of a larger one may have its centre outside, but no picture is far from its lens's axis.
+        for (name, value, side_px) in [("cx", camera.cx, width_px), ("cy", camera.cy, height_px)] {
+            let side_px = f64::from(side_px);
+            if !(-0.5 * side_px..=1.5 * side_px).contains(&value) {
+                return Err(invalid(format!(
+                    "camera.{name} is {value} px, {:.0} to {:.0} px are allowed for this image size",
+                    -0.5 * side_px,
+                    1.5 * side_px
+                )));
+            }
+        }
         let mut lasers = [Plane::new(Vector3::zeros()); 4];
         for ((plane, id), [a, b, c, d]) in lasers.iter_mut().zip(LaserId::ALL).zip(laser_planes) {
             if ![a, b, c, d].iter().all(|x| x.is_finite()) {
@@ -89,6 +103,15 @@ impl Calibration {
                     second + 1
                 )));
             }
+            // Those of heads differ by a quarter. Closer ones cannot be told apart in a picture.
+            if (n1 - n2).norm() < LEAST_DIFFERENCE * n1.norm().max(n2.norm()) {
+                return Err(invalid(format!(
+                    "laser_planes: planes {} and {} are the same, they differ by less than {} %",
+                    first + 1,
+                    second + 1,
+                    LEAST_DIFFERENCE * 100.0
+                )));
+            }
         }
         Ok(calibration)
     }
@@ -96,13 +119,20 @@ impl Calibration {
     /// The same calibration with what is known of its own uncertainty.
     ///
     /// # Errors
-    /// [`ErrorKind::InvalidCalibration`] unless all numbers are finite, the matrix is symmetric and no variance negative.
+    /// [`ErrorKind::InvalidCalibration`] unless all numbers are finite, the matrix is symmetric, no variance negative and none so large
+    /// that the parameter would not be known at all: such a matrix is in other units.
     pub fn with_covariance(mut self, covariance: CalibrationCovariance) -> Result<Self, Error> {
         let invalid = |text: String| Error::new(ErrorKind::InvalidCalibration, text);
         for i in 0..PARAMETERS {
             let variance = covariance[(i, i)];
             if !variance.is_finite() || variance < 0.0 {
                 return Err(invalid(format!("covariance[{i}][{i}] is {variance}, a variance is needed")));
+            }
+            let (sigma, most) = (variance.sqrt(), self.most_sigma(i));
+            if sigma > most {
+                return Err(invalid(format!(
+                    "covariance[{i}][{i}] is {variance:e}, a sigma of {sigma:.4}: at most {most:.4} is allowed"
+                )));
             }
             for j in 0..i {
                 let (a, b) = (covariance[(i, j)], covariance[(j, i)]);
@@ -117,6 +147,26 @@ impl Calibration {
         }
         self.covariance = Some(Box::new(covariance));
         Ok(self)
+    }
+
+    /// The largest sigma of a parameter that still says anything: a tenth of focal length, image or plane, and of a lens's term as
+    /// much as moves the corner by its whole distance from the middle. Calibrations are a hundred times better.
+    fn most_sigma(&self, parameter: usize) -> f64 {
+        const TENTH: f64 = 0.1;
+        let (width, height) = (f64::from(self.width_px), f64::from(self.height_px));
+        let c = &self.camera;
+        let corner = (0.5 * width / c.fx).hypot(0.5 * height / c.fy);
+        match parameter {
+            0 => TENTH * c.fx,
+            1 => TENTH * c.fy,
+            2 => TENTH * width,
+            3 => TENTH * height,
+            4 => corner.powi(-2),
+            5 => corner.powi(-4),
+            PLANES..PAPER_PARAMETERS => TENTH * self.lasers[(parameter - PLANES) / 3].per_mm.norm(),
+            18 | 19 => 1.0 / corner,
+            _ => corner.powi(-6),
+        }
     }
 
     /// Covariance of the parameters, if the calibration came with one.

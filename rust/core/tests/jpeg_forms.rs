@@ -130,6 +130,7 @@ fn other_forms_are_refused_by_name() {
     };
     assert!(with(0xc0, 1, 0xc9).contains("of kind c9"));
     assert!(with(0xc0, 4, 12).contains("12 bits, 8 are allowed"));
+    assert!(refusal(b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR").contains("is a PNG, a JPEG is needed"));
     assert!(with(0xc0, 9, 4).contains("4 colours, 1 or 3 are allowed"));
     assert!(with(0xc0, 11, 0x33).contains("sampled 3 x 3"));
     assert!(with(0xc0, 14, 0x44).contains("21 blocks, 10 are allowed"));

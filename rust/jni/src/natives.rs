@@ -33,9 +33,11 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 static CALIBRATIONS: Handles<Calibration> = Handles::new();
+/// More threads than this wait for each other; thousands never end.
+const MOST_THREADS: usize = 64;
 
 /// `static native void start(int logLevel, int threads)`: starts the log (0 off to 4 details) and loads the network with
-/// so many threads (0: as the machine has, at most four). The first call counts, later ones change the log's level only.
+/// so many threads, at most 64 (0: as the machine has, at most four). The first call counts, later ones change the log's level only.
 #[jni_mangle("dev.boxline.internal.Native")]
 pub extern "system" fn start<'local>(
     env: EnvUnowned<'local>,
@@ -45,7 +47,9 @@ pub extern "system" fn start<'local>(
 ) {
     guard(env, |_| {
         let threads = usize::try_from(threads)
-            .map_err(|e| Failure::Argument(format!("threads {threads}: {e}")))
+            .ok()
+            .filter(|count| *count <= MOST_THREADS)
+            .ok_or_else(|| Failure::Argument(format!("threads {threads}: 0 to {MOST_THREADS} are allowed")))
             .map(NonZeroUsize::new)?;
         logging::start(log_level);
         load_network(threads)
@@ -117,6 +121,16 @@ pub extern "system" fn open_recording<'local>(
         handles.set_region(env, 0, &[CALIBRATIONS.open(calibration), FRAMES.open(a), FRAMES.open(b)])?;
         Ok(handles)
     })
+}
+
+/// `static native boolean hasCovariance(long calibration)`: whether it says how sure it is. If not, sigmas lack its part.
+#[jni_mangle("dev.boxline.internal.Native")]
+pub extern "system" fn has_covariance<'local>(
+    env: EnvUnowned<'local>,
+    _class: JClass<'local>,
+    calibration: jlong,
+) -> jboolean {
+    guard(env, |_| Ok(CALIBRATIONS.get(calibration)?.covariance().is_some()))
 }
 
 /// `static native void closeCalibration(long handle)`.

@@ -94,6 +94,12 @@ impl Head {
         let calibration =
             decode_calibration(&bytes).map_err(|e| e.in_context("the calibration stored in the head"))?;
         self.check_calibration(&calibration)?;
+        if calibration.covariance().is_none() {
+            log::warn!(
+                "head {}: the stored calibration has no covariance, sigmas lack its part; `boxline head calibration write` stores it",
+                self.serial
+            );
+        }
         Ok(calibration)
     }
 

@@ -1,7 +1,7 @@
 //! Looks for contradictions in descriptors that hosts forgive: Linux, for one, accepts a wrong total length, a source that does
 //! not exist and a wrong number of frame sizes. A head's firmware should have none of them.
 
-use super::video::{STREAMING, VC_HEADER, VIDEO};
+use super::video::{NO_CAMERA, STREAMING, VC_HEADER, VIDEO};
 use super::{Block, u16_at};
 use super::{CS_INTERFACE, Configuration, Device, FormatKind, VideoFunction, blocks};
 use std::collections::BTreeSet;
@@ -25,16 +25,17 @@ impl std::fmt::Display for Finding {
 pub fn lint(device: &[u8], configuration: &[u8]) -> Vec<Finding> {
     let mut findings = Vec::new();
     let mut say = |offset: usize, text: String| findings.push(Finding { offset, text });
-    if let Err(e) = Device::parse(device) {
-        say(0, e.to_string());
+    if let Err(Finding { offset, text }) = Device::read(device) {
+        say(offset, format!("in the device descriptor: {text}"));
     }
-    let parsed = match Configuration::parse(configuration) {
+    let parsed = match Configuration::read(configuration) {
         Ok(parsed) => parsed,
-        Err(e) => {
-            say(0, e.to_string());
+        Err(Finding { offset, text }) => {
+            say(offset, text);
             return findings;
         }
     };
+    parsed.skipped.iter().for_each(|finding| say(finding.offset, finding.text.clone()));
     let total = configuration.get(2..4).map_or(0, |b| usize::from(u16::from_le_bytes([b[0], b[1]])));
     if total != configuration.len() {
         say(2, format!("wTotalLength is {total}, {} bytes are there", configuration.len()));
@@ -62,9 +63,10 @@ pub fn lint(device: &[u8], configuration: &[u8]) -> Vec<Finding> {
             );
         }
     }
-    match VideoFunction::parse(&parsed) {
-        Ok(video) => lint_video(&video, &mut say),
-        Err(e) => say(0, e.to_string()),
+    match VideoFunction::read(&parsed) {
+        Ok(Some(video)) => lint_video(&video, &mut say),
+        Ok(None) => say(0, NO_CAMERA.into()),
+        Err(Finding { offset, text }) => say(offset, text),
     }
     findings
 }
@@ -117,10 +119,13 @@ fn lint_video(video: &VideoFunction, say: &mut impl FnMut(usize, String)) {
                 say(format.offset, format!("bNumFrameDescriptors is {count}, {found} are there"));
             }
             for frame in &format.frames {
-                if frame.width == 0 || frame.height == 0 || frame.intervals.contains(&0) {
+                if frame.width == 0 || frame.height == 0 {
                     say(format.offset, format!("frame size {} has a zero in it", frame.index));
                 }
-                if !frame.intervals.contains(&frame.default_interval) && frame.intervals.len() > 1 {
+                if let Some(text) = frame.intervals.contradiction() {
+                    say(format.offset, format!("frame size {} has {text}", frame.index));
+                }
+                if !frame.intervals.has(frame.default_interval) {
                     say(
                         format.offset,
                         format!("the default interval of frame size {} is not listed", frame.index),

@@ -1,13 +1,15 @@
 //! Descriptors as USB 2.0, chapter 9 lays them out: device, configuration, interfaces, endpoints, and whatever lies between them.
 //! `video` reads the class-specific part, [`lint()`] looks for contradictions. Bytes come from a
-//! device that nobody vouches for: a broken length is an error with its offset, never a panic.
+//! device that nobody vouches for, so what is broken never causes a panic. What hosts forgive (a total that does not fit, a broken
+//! microphone, rubbish at the end) is skipped and kept as a finding; a broken description of the video is an error with its offset.
 
 mod lint;
 mod video;
 
 pub use lint::{Finding, lint};
 pub use video::{
-    Alternate, Extension, Format, FormatKind, FrameSize, StreamingInterface, Unit, UvcVersion, VideoFunction,
+    Alternate, Extension, Format, FormatKind, FrameSize, Intervals, StreamingInterface, Unit, UvcVersion,
+    VideoFunction,
 };
 
 use crate::{Error, ErrorKind};
@@ -101,6 +103,8 @@ pub struct Configuration {
     pub interface_count: u8,
     /// All alternate settings of all interfaces in the order of the bytes.
     pub interfaces: Vec<Interface>,
+    /// What cannot be read and was skipped.
+    pub skipped: Vec<Finding>,
 }
 
 /// One descriptor in a row of them.
@@ -117,12 +121,18 @@ impl Block<'_> {
     }
 }
 
-pub(crate) fn broken(offset: usize, text: impl std::fmt::Display) -> Error {
-    Error::new(ErrorKind::Descriptor, format!("descriptor at byte {offset}: {text}"))
+pub(crate) fn broken(offset: usize, text: impl Into<String>) -> Finding {
+    Finding { offset, text: text.into() }
+}
+
+impl From<Finding> for Error {
+    fn from(Finding { offset, text }: Finding) -> Self {
+        Self::new(ErrorKind::Descriptor, format!("descriptor at byte {offset}: {text}"))
+    }
 }
 
 /// Cuts a row of descriptors apart.
-pub(crate) fn blocks(bytes: &[u8]) -> impl Iterator<Item = Result<Block<'_>, Error>> {
+pub(crate) fn blocks(bytes: &[u8]) -> impl Iterator<Item = Result<Block<'_>, Finding>> {
     let mut offset = 0;
     std::iter::from_fn(move || {
         let rest = bytes.get(offset..).filter(|rest| !rest.is_empty())?;
@@ -144,23 +154,27 @@ pub(crate) fn blocks(bytes: &[u8]) -> impl Iterator<Item = Result<Block<'_>, Err
     })
 }
 
-pub(crate) fn u8_at(block: &Block<'_>, at: usize) -> Result<u8, Error> {
+pub(crate) fn u8_at(block: &Block<'_>, at: usize) -> Result<u8, Finding> {
     block.bytes.get(at).copied().ok_or_else(|| {
         broken(block.offset, format!("{} bytes, at least {} are needed", block.bytes.len(), at + 1))
     })
 }
 
-pub(crate) fn u16_at(block: &Block<'_>, at: usize) -> Result<u16, Error> {
+pub(crate) fn u16_at(block: &Block<'_>, at: usize) -> Result<u16, Finding> {
     Ok(u16::from_le_bytes([u8_at(block, at)?, u8_at(block, at + 1)?]))
 }
 
-pub(crate) fn u32_at(block: &Block<'_>, at: usize) -> Result<u32, Error> {
+pub(crate) fn u32_at(block: &Block<'_>, at: usize) -> Result<u32, Finding> {
     Ok(u32::from(u16_at(block, at)?) | u32::from(u16_at(block, at + 2)?) << 16)
 }
 
 impl Device {
     /// Reads the 18 bytes of a device descriptor.
     pub fn parse(bytes: &[u8]) -> Result<Self, Error> {
+        Ok(Self::read(bytes)?)
+    }
+
+    fn read(bytes: &[u8]) -> Result<Self, Finding> {
         let block = Block { offset: 0, bytes };
         if bytes.len() < 18 || block.kind() != DEVICE || bytes[0] != 18 {
             return Err(broken(0, format!("{} bytes, a device descriptor of 18 is needed", bytes.len())));
@@ -175,8 +189,13 @@ impl Device {
 }
 
 impl Configuration {
-    /// Reads a configuration descriptor with everything after it. Bytes past its own total length are ignored, as hosts do.
+    /// Reads a configuration descriptor with everything after it. Bytes past its own total length are ignored, as hosts do, and a
+    /// total beyond the bytes is taken for all of them. Only the head of the configuration must be whole.
     pub fn parse(bytes: &[u8]) -> Result<Self, Error> {
+        Ok(Self::read(bytes)?)
+    }
+
+    fn read(bytes: &[u8]) -> Result<Self, Finding> {
         let mut row = blocks(bytes);
         let head = row.next().ok_or_else(|| broken(0, "no bytes"))??;
         if head.kind() != CONFIGURATION {
@@ -184,23 +203,33 @@ impl Configuration {
         }
         let total = usize::from(u16_at(&head, 2)?);
         let (interface_count, value) = (u8_at(&head, 4)?, u8_at(&head, 5)?);
-        let bytes = bytes.get(..total).ok_or_else(|| {
-            broken(0, format!("a configuration of {total} bytes, {} are there", bytes.len()))
-        })?;
-        let mut interfaces: Vec<Interface> = Vec::new();
-        for block in blocks(bytes).skip(1) {
-            let block = block?;
-            match (block.kind(), interfaces.last_mut()) {
-                (INTERFACE, _) => interfaces.push(Interface::parse(&block)?),
-                (ENDPOINT, Some(interface)) => interface.endpoints.push(Endpoint::parse(&block)?),
-                (ENDPOINT, None) => return Err(broken(block.offset, "an endpoint before any interface")),
-                (CS_INTERFACE, Some(interface)) => {
-                    interface.class_specific.push((block.offset, block.bytes.to_vec()))
+        let mut parsed = Self { value, interface_count, interfaces: Vec::new(), skipped: Vec::new() };
+        // What follows an interface that cannot be read is not that of the one before.
+        let mut is_known = false;
+        for block in blocks(&bytes[..total.min(bytes.len())]).skip(1) {
+            let read = block.and_then(|block| {
+                if block.kind() == INTERFACE {
+                    is_known = false;
+                    parsed.interfaces.push(Interface::parse(&block)?);
+                    is_known = true;
+                    return Ok(());
                 }
-                _ => {} // associations, class-specific endpoints, vendors' own
-            }
+                let interface = parsed.interfaces.last_mut().filter(|_| is_known);
+                match (block.kind(), interface) {
+                    (ENDPOINT, Some(interface)) => interface.endpoints.push(Endpoint::parse(&block)?),
+                    (ENDPOINT, None) => {
+                        return Err(broken(block.offset, "an endpoint outside any interface"));
+                    }
+                    (CS_INTERFACE, Some(interface)) => {
+                        interface.class_specific.push((block.offset, block.bytes.to_vec()))
+                    }
+                    _ => {} // associations, class-specific endpoints, vendors' own
+                }
+                Ok(())
+            });
+            parsed.skipped.extend(read.err());
         }
-        Ok(Self { value, interface_count, interfaces })
+        Ok(parsed)
     }
 
     /// The alternate settings of one interface.
@@ -210,7 +239,7 @@ impl Configuration {
 }
 
 impl Interface {
-    fn parse(block: &Block<'_>) -> Result<Self, Error> {
+    fn parse(block: &Block<'_>) -> Result<Self, Finding> {
         Ok(Self {
             number: u8_at(block, 2)?,
             alternate: u8_at(block, 3)?,
@@ -224,7 +253,7 @@ impl Interface {
 }
 
 impl Endpoint {
-    fn parse(block: &Block<'_>) -> Result<Self, Error> {
+    fn parse(block: &Block<'_>) -> Result<Self, Finding> {
         let kind = match u8_at(block, 3)? & 3 {
             0 => EndpointKind::Control,
             1 => EndpointKind::Isochronous,

@@ -1,7 +1,9 @@
 //! The class-specific part of a camera's descriptors (UVC 1.1 and 1.5, chapter 3): units and terminals of the control interface,
 //! formats and frame sizes of the streaming interfaces.
 
-use super::{Block, Configuration, Endpoint, EndpointKind, Interface, broken, u8_at, u16_at, u32_at};
+use super::{
+    Block, Configuration, Endpoint, EndpointKind, Finding, Interface, broken, u8_at, u16_at, u32_at,
+};
 use crate::{Error, ErrorKind};
 
 pub(crate) const VIDEO: u8 = 0x0E;
@@ -19,6 +21,9 @@ pub(crate) const VS_FORMAT_MJPEG: u8 = 6;
 pub(crate) const VS_FRAME_MJPEG: u8 = 7;
 /// Other formats: uncompressed, MPEG-2 TS, DV, frame-based, stream-based, H.264, H.264 simulcast, VP8, VP8 simulcast.
 const OTHER_FORMATS: [u8; 9] = [0x04, 0x0A, 0x0C, 0x10, 0x12, 0x13, 0x15, 0x16, 0x18];
+
+/// Said of other devices.
+pub(super) const NO_CAMERA: &str = "no video control interface (class 14, subclass 1)";
 
 /// Version of the video class that a device follows; it fixes the length of probe and commit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -98,8 +103,58 @@ pub struct FrameSize {
     pub max_bytes: u32,
     /// Units of 100 ns.
     pub default_interval: u32,
-    /// Units of 100 ns, shortest first; of a range only its shortest.
-    pub intervals: Vec<u32>,
+    /// The intervals between frames that it offers.
+    pub intervals: Intervals,
+}
+
+/// Intervals between frames, units of 100 ns.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Intervals {
+    /// These, shortest first.
+    Listed(Vec<u32>),
+    /// Every `step` from `shortest` to `longest`; with a step of 0 every one between them.
+    Range {
+        /// At the highest rate.
+        shortest: u32,
+        /// At the lowest rate.
+        longest: u32,
+        /// From one to the next.
+        step: u32,
+    },
+}
+
+impl Intervals {
+    /// The interval that is nearest to `wanted`; never 0. `None` if there is none.
+    pub fn nearest(&self, wanted: u32) -> Option<u32> {
+        match self {
+            Self::Listed(all) => all.iter().copied().filter(|i| *i > 0).min_by_key(|i| i.abs_diff(wanted)),
+            &Self::Range { shortest, longest, step } => {
+                let beyond = wanted.clamp(shortest, longest.max(shortest)) - shortest;
+                let down = beyond.checked_rem(step).unwrap_or(0);
+                let below = beyond - down + shortest;
+                let above = below.saturating_add(step).min(longest.max(shortest));
+                // The longest is offered too where steps do not end at it (UVC 1.5, table 3-13, says they do).
+                [below, above].into_iter().filter(|i| *i > 0).min_by_key(|i| i.abs_diff(wanted))
+            }
+        }
+    }
+
+    /// Whether an interval is offered.
+    pub fn has(&self, interval: u32) -> bool {
+        self.nearest(interval) == Some(interval)
+    }
+
+    /// What contradicts itself in it.
+    pub(super) fn contradiction(&self) -> Option<String> {
+        match self {
+            Self::Listed(all) => all.contains(&0).then(|| "an interval of 0".to_owned()),
+            &Self::Range { shortest: 0, .. } => Some("an interval of 0".to_owned()),
+            // The number of steps is not looked at: rates of whole frames make intervals that are rounded.
+            &Self::Range { shortest, longest, .. } => {
+                (longest < shortest).then(|| format!("intervals of {shortest} to {longest}"))
+            }
+        }
+    }
 }
 
 /// What the pictures of a format are.
@@ -170,13 +225,14 @@ pub struct VideoFunction {
 impl VideoFunction {
     /// Finds the first camera of a configuration.
     pub fn parse(configuration: &Configuration) -> Result<Self, Error> {
-        let control = configuration
-            .interfaces
-            .iter()
-            .find(|interface| interface.class == (VIDEO, CONTROL))
-            .ok_or_else(|| {
-            Error::new(ErrorKind::Unsupported, "no video control interface (class 14, subclass 1)")
-        })?;
+        let found = Self::read(configuration)?;
+        found.ok_or_else(|| Error::new(ErrorKind::Unsupported, NO_CAMERA))
+    }
+
+    /// The same; `None` if there is no camera.
+    pub(super) fn read(configuration: &Configuration) -> Result<Option<Self>, Finding> {
+        let control = configuration.interfaces.iter().find(|interface| interface.class == (VIDEO, CONTROL));
+        let Some(control) = control else { return Ok(None) };
         let mut header = None;
         let mut units = Vec::new();
         for (offset, bytes) in &control.class_specific {
@@ -195,7 +251,8 @@ impl VideoFunction {
             }
         }
         let version = UvcVersion::from_bcd(bcd);
-        Ok(Self { control_interface: control.number, version, clock_hz, streaming_numbers, units, streaming })
+        let control_interface = control.number;
+        Ok(Some(Self { control_interface, version, clock_hz, streaming_numbers, units, streaming }))
     }
 
     /// The extension unit of a vendor.
@@ -207,7 +264,7 @@ impl VideoFunction {
     }
 }
 
-fn parse_header(block: &Block<'_>) -> Result<(u16, u32, Vec<u8>), Error> {
+fn parse_header(block: &Block<'_>) -> Result<(u16, u32, Vec<u8>), Finding> {
     let count = usize::from(u8_at(block, 11)?);
     let numbers = block.bytes.get(12..12 + count).ok_or_else(|| {
         broken(
@@ -218,8 +275,8 @@ fn parse_header(block: &Block<'_>) -> Result<(u16, u32, Vec<u8>), Error> {
     Ok((u16_at(block, 3)?, u32_at(block, 7)?, numbers.to_vec()))
 }
 
-fn parse_unit(block: &Block<'_>, subtype: u8) -> Result<Option<Unit>, Error> {
-    let list = |count_at: usize| -> Result<Vec<u8>, Error> {
+fn parse_unit(block: &Block<'_>, subtype: u8) -> Result<Option<Unit>, Finding> {
+    let list = |count_at: usize| -> Result<Vec<u8>, Finding> {
         let count = usize::from(u8_at(block, count_at)?);
         let sources = block.bytes.get(count_at + 1..count_at + 1 + count);
         sources.map(<[u8]>::to_vec).ok_or_else(|| {
@@ -252,7 +309,7 @@ fn parse_unit(block: &Block<'_>, subtype: u8) -> Result<Option<Unit>, Error> {
 }
 
 impl StreamingInterface {
-    fn parse(configuration: &Configuration, number: u8) -> Result<Option<Self>, Error> {
+    fn parse(configuration: &Configuration, number: u8) -> Result<Option<Self>, Finding> {
         let settings: Vec<&Interface> = configuration
             .alternates(number)
             .filter(|interface| interface.class == (VIDEO, STREAMING))
@@ -290,19 +347,24 @@ impl StreamingInterface {
 }
 
 impl Format {
-    fn parse(block: &Block<'_>, kind: FormatKind) -> Result<Self, Error> {
+    fn parse(block: &Block<'_>, kind: FormatKind) -> Result<Self, Finding> {
         let (index, frame_count) = (u8_at(block, 3)?, u8_at(block, 4)?);
         Ok(Self { index, kind, frame_count, frames: Vec::new(), offset: block.offset })
     }
 }
 
 impl FrameSize {
-    fn parse(block: &Block<'_>) -> Result<Self, Error> {
+    fn parse(block: &Block<'_>) -> Result<Self, Finding> {
         // bFrameIntervalType: 0 is a range (shortest, longest, step), else that many intervals.
-        let count = usize::from(u8_at(block, 25)?);
-        let listed = if count == 0 { 1 } else { count };
-        let mut intervals = (0..listed).map(|i| u32_at(block, 26 + 4 * i)).collect::<Result<Vec<_>, _>>()?;
-        intervals.sort_unstable();
+        let interval = |i: usize| u32_at(block, 26 + 4 * i);
+        let intervals = match usize::from(u8_at(block, 25)?) {
+            0 => Intervals::Range { shortest: interval(0)?, longest: interval(1)?, step: interval(2)? },
+            count => {
+                let mut all = (0..count).map(interval).collect::<Result<Vec<_>, _>>()?;
+                all.sort_unstable();
+                Intervals::Listed(all)
+            }
+        };
         Ok(Self {
             index: u8_at(block, 3)?,
             width: u16_at(block, 5)?,

@@ -41,11 +41,16 @@ pub fn configuration(settings: &Settings) -> Vec<u8> {
     c.extend([8, 0x0B, 0, 2, 0x0E, 3, 0, 2]); // the two interfaces are one camera
     c.extend([9, 4, 0, 0, 0, 0x0E, 1, 0, 2]);
     c.extend(with_total(control_block(settings.version), 5));
-    let endpoints = u8::from(settings.pipe == Pipe::Bulk);
+    let endpoints = u8::from(settings.pipe == Pipe::Bulk && settings.bulk_alternate == 0);
     c.extend([9, 4, 1, 0, endpoints, 0x0E, 2, 0, 0]);
     c.extend(with_total(streaming_block(), 4));
     match settings.pipe {
-        Pipe::Bulk => c.extend(endpoint(2, BULK_PACKET, 0)),
+        Pipe::Bulk => {
+            if settings.bulk_alternate > 0 {
+                c.extend([9, 4, 1, settings.bulk_alternate, 1, 0x0E, 2, 0, 0]);
+            }
+            c.extend(endpoint(2, BULK_PACKET, 0));
+        }
         Pipe::Isochronous => {
             for (setting, packet) in (1..).zip(ISO_PACKETS) {
                 c.extend([9, 4, 1, setting, 1, 0x0E, 2, 0, 0]);

@@ -64,7 +64,7 @@ impl Flash {
             crc: header.crc,
             generation: header.generation,
             page_bytes: 256,
-            pages: 64, // 16 KiB; a calibration has about 300 bytes
+            pages: 64, // 16 KiB; a calibration with its covariance has about 2 KiB
         }
     }
 

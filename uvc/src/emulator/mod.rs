@@ -43,6 +43,8 @@ pub struct Settings {
     pub tagged: bool,
     /// Frames come at the negotiated rate; otherwise as fast as they are read.
     pub paced: bool,
+    /// The alternate setting that has the bulk endpoint: 0 as the protocol wants it, another as cameras exist.
+    pub bulk_alternate: u8,
 }
 
 impl Default for Settings {
@@ -55,6 +57,7 @@ impl Default for Settings {
             claimed_payload_bytes: None,
             tagged: true,
             paced: false,
+            bulk_alternate: 0,
         }
     }
 }
@@ -273,8 +276,11 @@ impl SoftwareHead {
 
     /// SET_INTERFACE of the streaming interface.
     pub fn set_alternate(&mut self, alternate: u8, now: Duration) -> Result<(), Stall> {
-        let most = if self.settings.pipe == Pipe::Bulk { 0 } else { descriptors::ISO_PACKETS.len() };
-        if usize::from(alternate) > most {
+        let is_there = match self.settings.pipe {
+            Pipe::Bulk => alternate == 0 || alternate == self.settings.bulk_alternate,
+            Pipe::Isochronous => usize::from(alternate) <= descriptors::ISO_PACKETS.len(),
+        };
+        if !is_there {
             return Err(Stall);
         }
         self.stop();
@@ -363,7 +369,7 @@ impl SoftwareHead {
                 if asked.frame_interval != 0 {
                     self.probe.frame_interval = asked.frame_interval.max(PREFERRED_INTERVAL);
                 }
-                if commit && self.settings.pipe == Pipe::Bulk {
+                if commit && self.settings.pipe == Pipe::Bulk && self.settings.bulk_alternate == 0 {
                     self.stop();
                     self.start(now);
                 }

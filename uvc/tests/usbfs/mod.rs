@@ -66,6 +66,8 @@ pub struct State {
     /// Where the blocks of the stream that were taken put their data: which transfers there are.
     buffers: BTreeSet<usize>,
     pub claims: i32,
+    /// Interfaces taken so far, let go or not.
+    pub claimed: u32,
 }
 
 /// A fake device.
@@ -116,6 +118,7 @@ pub fn plug(head: SoftwareHead, plan: Plan) -> Plugged {
         finished: 0,
         buffers: BTreeSet::new(),
         claims: 0,
+        claimed: 0,
     };
     let identity = sys::identity(fd.as_raw_fd());
     let bus = Arc::new(Bus {
@@ -203,6 +206,7 @@ impl Bus {
             }
             Request::Claim => {
                 state.claims += 1;
+                state.claimed += 1;
                 Ok(0)
             }
             Request::Release(interface) => {

@@ -3,7 +3,7 @@
 use super::CalibrateArgs;
 use boxline::calib::Board;
 use boxline::{Error, ErrorKind};
-use boxline_proto::json::{Laser, Role, read_board, read_recording};
+use boxline_proto::json::{BOARD_SIZES_MM, Laser, Role, read_board, read_recording};
 use std::path::{Path, PathBuf};
 
 /// A picture of the board.
@@ -28,8 +28,6 @@ pub enum BoardSpec {
     File(PathBuf),
 }
 
-/// Pitches and diameters of boards, mm: others are another unit.
-const SIZES_MM: std::ops::RangeInclusive<f64> = 1.0..=1000.0;
 /// Circles of a row, as in board files.
 const CIRCLES: std::ops::RangeInclusive<u32> = 2..=1000;
 
@@ -44,7 +42,7 @@ pub fn parse_board_spec(text: &str) -> Result<BoardSpec, String> {
         return Ok(BoardSpec::File(text.into()));
     }
     let circles = |text: &str| text.parse().ok().filter(|n| CIRCLES.contains(n));
-    let size = |text: &str| text.parse().ok().filter(|mm| SIZES_MM.contains(mm));
+    let size = |text: &str| text.parse().ok().filter(|mm| BOARD_SIZES_MM.contains(mm));
     let grid = grid.split_once('x').and_then(|(c, r)| Some((circles(c)?, circles(r)?)));
     let sizes = sizes.split_once(':').and_then(|(p, d)| Some((size(p)?, size(d)?)));
     match (grid, sizes) {

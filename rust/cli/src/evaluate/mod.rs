@@ -30,6 +30,7 @@ mod tables;
 use crate::Finished;
 use crate::args::EvaluateArgs;
 use crate::input::Usage;
+use crate::say::{say, text_of};
 use indicatif::{ProgressBar, ProgressStyle};
 #[cfg(feature = "render")]
 use recorded::{Recorded, recordings_in};
@@ -101,11 +102,12 @@ impl Broken {
     /// The result with what was broken at its end: as text or, if there is one, as an object. Exit code 2 if anything was.
     fn finish(broken: &[Self], mut stdout: String, mut object: Value) -> Finished {
         for Self { name, error } in broken {
-            eprintln!("error: {name}: {error:#}");
-            stdout.push_str(&format!("!!! {name}: not evaluated: {error:#}\n"));
+            let error = text_of(error);
+            say(&format!("error: {name}: {error}"));
+            stdout.push_str(&format!("!!! {name}: not evaluated: {error}\n"));
         }
         if !object.is_null() {
-            let entry = |b: &Self| json!({"recording": b.name, "error": format!("{:#}", b.error)});
+            let entry = |b: &Self| json!({"recording": b.name, "error": text_of(&b.error)});
             object["broken"] = json!(broken.iter().map(entry).collect::<Vec<_>>());
             stdout = object.to_string();
         }

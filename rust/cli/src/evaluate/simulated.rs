@@ -2,6 +2,7 @@
 //! folder for the same kind, seed, photographs and hazards.
 
 use super::recorded::Recorded;
+use crate::say::say;
 use boxline::{Calibration, Error, ErrorKind, Frame};
 use boxline_proto::json::{RecordedFrame, parse_calibration, parse_recording, parse_truth};
 use boxline_sim::Stock;
@@ -38,7 +39,7 @@ pub fn recorded(
         if let Some(off) = recording.twin_of(lit)
             && let Err(e) = frame.add_ambient(&decoded(off)?)
         {
-            eprintln!("warning: {}: not used: {e}", off.file.display());
+            say(&format!("warning: {}: not used: {e}", off.file.display()));
         }
         Ok(frame)
     };

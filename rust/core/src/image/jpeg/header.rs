@@ -55,7 +55,11 @@ struct Parts {
 /// Reads on to the data of the first scan.
 pub(super) fn read(bytes: &[u8]) -> Result<Header, Error> {
     if bytes.get(..2) != Some(&[0xff, 0xd8]) {
-        return Err(invalid("the frame is not a JPEG: it does not begin with ff d8"));
+        return Err(invalid(if bytes.starts_with(b"\x89PNG") {
+            "the frame is a PNG, a JPEG is needed"
+        } else {
+            "the frame is not a JPEG: it does not begin with ff d8"
+        }));
     }
     let mut parts = Parts::default();
     let mut at = 2;

@@ -143,6 +143,7 @@ public final class BoundaryCheck {
         // Well-formed, but for another camera.
         long other = Native.openCalibration(text.replace("2592", "1296").getBytes(java.nio.charset.StandardCharsets.UTF_8));
         failsWith(ScannerConfigException.class, "2592", () -> Native.measureBox(other, frameA, frameB, null, null, null, null, 0));
+        same(false, Native.hasCovariance(other));
         Native.closeCalibration(other);
     }
 

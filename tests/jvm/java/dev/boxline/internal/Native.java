@@ -9,6 +9,9 @@ public final class Native {
     /** Reads a calibration.json. The handle is never 0 and must be closed. */
     public static native long openCalibration(byte[] json);
 
+    /** Whether the calibration says how sure it is. */
+    public static native boolean hasCovariance(long calibration);
+
     /** Lets go of a calibration. Closing twice does nothing; calls that are running finish. */
     public static native void closeCalibration(long handle);
 

@@ -52,6 +52,12 @@ public class BoxMeter private constructor(
     /** Faces to capture before a measurement: three once two have left something open. */
     @Volatile private var wanted = 2
 
+    /**
+     * Whether the calibration says how sure it is. If not, as in heads whose calibration was stored before heads kept that, every sigma lacks
+     * the calibration's part; `boxline head calibration write` stores it.
+     */
+    public val calibrationHasCovariance: Boolean = Native.hasCovariance(calibration)
+
     /** What the meter is doing; always the newest value, from the thread that looks. */
     public val state: StateFlow<ScannerState> = mutableState.asStateFlow()
 

@@ -5,6 +5,7 @@ import dev.boxline.testing.nothingIsLeftOpen
 import kotlinx.coroutines.runBlocking
 import org.junit.After
 import org.junit.Assert.assertEquals
+import org.junit.Assert.assertFalse
 import org.junit.Assert.assertTrue
 import org.junit.Test
 import java.io.File
@@ -42,6 +43,15 @@ class MeasureTest {
     }
 
     private val number = Regex("-?\\d+\\.\\d+(e-?\\d+)?")
+
+    @Test
+    fun `a calibration tells whether it knows how sure it is`() {
+        BoxMeter.open(Recordings.calibration).use { assertFalse(it.calibrationHasCovariance) }
+        val row = { i: Int -> (0 until 18).joinToString(",", "[", "]") { if (it == i) "1e-9" else "0" } }
+        val covariance = (0 until 18).joinToString(",", "[", "]", transform = row)
+        val known = Recordings.calibration.decodeToString().trimEnd().removeSuffix("}") + ",\"covariance\":$covariance}"
+        BoxMeter.open(known.encodeToByteArray()).use { assertTrue(it.calibrationHasCovariance) }
+    }
 
     @Test
     fun `a recording gives the same as its pictures`(): Unit = runBlocking {

@@ -28,6 +28,8 @@ internal object Native {
 
     @JvmStatic external fun openCalibration(json: ByteArray): Long
 
+    @JvmStatic external fun hasCovariance(calibration: Long): Boolean
+
     @JvmStatic external fun closeCalibration(handle: Long)
 
     /** Calibration, first and second frame. */
