@@ -2,14 +2,15 @@
 //! that sees the face in its own plane and says where its sides are.
 //!
 //! [`EdgeNet`] is what the product uses, [`EdgeMapNet`] the paper's kind of network, [`AnyNet`] whichever a file holds; `engine` below runs any ONNX file of the same kind on ONNX Runtime
-//! (`onnx_runtime`, where its library is found) or on tract (`tract`, always there).
+//! (`onnx_runtime`, where its library is found) or on the engine inside (`forward`, always there).
 //! Training, export and scores are Python, in `training/`.
 #![forbid(unsafe_code)]
 
 mod edge_map;
 mod engine;
+mod forward;
+mod onnx;
 mod onnx_runtime;
-mod tract;
 
 pub use edge_map::EdgeMapNet;
 pub use engine::{Engine, Options, Runtime};
@@ -31,7 +32,7 @@ const SIDES: &[u8] = include_bytes!("../models/sides.onnx");
 /// Channels of a picture.
 const COLOURS: usize = 3;
 
-/// A loaded network. Several threads may ask it at a time: with tract each runs by itself, ONNX Runtime takes one after the other.
+/// A loaded network. Several threads may ask it at a time: with the engine inside each runs by itself, ONNX Runtime takes one after the other.
 pub struct EdgeNet {
     maps: Engine,
     lines: Engine,
@@ -159,7 +160,7 @@ impl EdgeNet {
         SideOdds::from_logits(&logits).ok_or_else(broken)
     }
 
-    /// What runs it: `ONNX Runtime` or `tract`.
+    /// What runs it: `ONNX Runtime` or `embedded`.
     #[must_use]
     pub const fn runtime_name(&self) -> &'static str {
         self.maps.runtime_name()
