@@ -102,6 +102,10 @@ impl Engine {
         }
     }
 
+    pub(crate) const fn is_embedded(&self) -> bool {
+        matches!(self.loaded, Loaded::Embedded(_))
+    }
+
     /// Values of an input.
     #[must_use]
     pub fn input_len(&self) -> usize {

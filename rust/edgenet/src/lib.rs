@@ -19,6 +19,7 @@ use boxline::image::small::Downscaler;
 use boxline::network::{CHANNELS, EdgeMapNetwork, FaceMaps, LineStrip, Network, STRIP};
 use boxline::view::{FaceView, SideOdds, VIEW, Way};
 use boxline::{Error, ErrorKind, Frame};
+use rayon::prelude::*;
 use std::num::NonZeroUsize;
 use std::path::Path;
 
@@ -37,6 +38,8 @@ pub struct EdgeNet {
     maps: Engine,
     lines: Engine,
     sides: Engine,
+    /// So many ways to see a face are asked at a time.
+    at_a_time: usize,
 }
 
 /// What a network of frames says of one, and columns and rows of it.
@@ -141,9 +144,12 @@ impl EdgeNet {
         let single = Options { threads: NonZeroUsize::MIN, ..options.clone() };
         let lines =
             Engine::load(LINES, STRIP[0], &single).map_err(|e| e.in_context("embedded network of lines"))?;
+        // ONNX Runtime answers one question at a time, with all threads. The engine inside is better asked several at a time.
+        let at_a_time = if engine.is_embedded() { options.threads.get() } else { 1 };
+        let options = if at_a_time > 1 { &single } else { options };
         let sides =
             Engine::load(SIDES, VIEW[0], options).map_err(|e| e.in_context("embedded network of sides"))?;
-        Ok(Self { maps: engine, lines, sides })
+        Ok(Self { maps: engine, lines, sides, at_a_time })
     }
 
     /// What the network of sides says of a view seen in one way; [`Network::sides`] asks in all.
@@ -175,8 +181,14 @@ impl Network for EdgeNet {
     }
 
     fn sides(&self, view: &FaceView) -> Result<Option<SideOdds>, Error> {
-        let told = Way::ALL.map(|way| self.sides_seen(view, way).map(|odds| (way, odds)));
-        let told = told.into_iter().collect::<Result<Vec<_>, _>>()?;
+        let ask = |way: &Way| self.sides_seen(view, *way).map(|odds| (*way, odds));
+        let ways = Way::ALL.as_slice();
+        let told = if self.at_a_time > 1 {
+            let ways = ways.par_iter().with_min_len(ways.len().div_ceil(self.at_a_time));
+            ways.map(ask).collect::<Result<Vec<_>, _>>()?
+        } else {
+            ways.iter().map(ask).collect::<Result<Vec<_>, _>>()?
+        };
         Ok(SideOdds::of_ways(&told))
     }
 

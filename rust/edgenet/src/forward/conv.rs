@@ -142,7 +142,7 @@ impl Conv {
         if parts < 2 {
             if let Some(scratch) = scratch.first_mut() {
                 let planes = out.chunks_exact_mut(rows * columns).collect();
-                self.run_rows(input, after, 0, planes, scratch);
+                Arch::new().dispatch(Rows { conv: self, input, after, first: 0, planes, scratch });
             }
             return;
         }
@@ -153,87 +153,103 @@ impl Conv {
             }
         }
         let parts = planes.into_par_iter().zip(scratch.par_iter_mut()).enumerate();
-        parts
-            .for_each(|(part, (planes, scratch))| self.run_rows(input, after, part * share, planes, scratch));
+        parts.for_each(|(part, (planes, scratch))| {
+            let first = part * share;
+            Arch::new().dispatch(Rows { conv: self, input, after, first, planes, scratch });
+        });
     }
+}
 
-    /// Fills some rows of all channels, from `first` on.
-    fn run_rows(
-        &self,
-        input: &[f32],
-        after: After<'_>,
-        first: usize,
-        mut planes: Vec<&mut [f32]>,
-        scratch: &mut Scratch,
-    ) {
-        let columns = self.output[2];
-        let rows = planes.first().map_or(0, |plane| plane.len() / columns);
-        let row = (columns + self.extra[1]) * self.phases.len() * self.input[0];
-        let most = (STRIP / row.max(1)).saturating_sub(self.extra[0]).max(1);
+/// Rows of all channels of the output, to be filled by one thread.
+struct Rows<'a> {
+    conv: &'a Conv,
+    input: &'a [f32],
+    after: After<'a>,
+    /// The first of them.
+    first: usize,
+    planes: Vec<&'a mut [f32]>,
+    scratch: &'a mut Scratch,
+}
+
+impl WithSimd for Rows<'_> {
+    type Output = ();
+
+    /// All that is called from here is compiled for the processor's vectors, so all of it is inlined.
+    #[inline(always)]
+    fn with_simd<S: Simd>(mut self, simd: S) {
+        let columns = self.conv.output[2];
+        let rows = self.planes.first().map_or(0, |plane| plane.len() / columns);
+        let row = (columns + self.conv.extra[1]) * self.conv.phases.len() * self.conv.input[0];
+        let most = (STRIP / row.max(1)).saturating_sub(self.conv.extra[0]).max(1);
         // All strips alike, so that the last is not a remnant.
         let strips = rows.div_ceil(most);
         let mut done = 0;
         for strip in 0..strips {
             let here = (rows - done).div_ceil(strips - strip);
-            self.run_strip(input, after, [first, done, here], &mut planes, scratch);
+            self.strip(simd, done, here);
             done += here;
         }
     }
+}
 
-    fn run_strip(
-        &self,
-        input: &[f32],
-        after: After<'_>,
-        [first, done, rows]: [usize; 3],
-        planes: &mut [&mut [f32]],
-        scratch: &mut Scratch,
-    ) {
-        let (columns, top) = (self.output[2], first + done);
-        let width = columns + self.extra[1];
+impl Rows<'_> {
+    #[inline(always)]
+    fn strip<S: Simd>(&mut self, simd: S, done: usize, rows: usize) {
+        let Self { conv, input, after, first, planes, scratch } = self;
+        let (columns, top) = (conv.output[2], *first + done);
+        let width = columns + conv.extra[1];
         let len = rows * width;
         let stride = len + SLACK;
-        let plane = self.input[1] * self.input[2];
-        let Scratch { strip, sums, offsets } = scratch;
+        let plane = conv.input[1] * conv.input[2];
+        let Scratch { strip, sums, offsets } = &mut **scratch;
         offsets.clear();
-        let source = if self.window.is_point() && (top + rows) * columns + SLACK <= plane {
-            offsets.extend((0..self.input[0]).map(|channel| channel * plane + top * columns));
-            input
+        let source = if conv.window.is_point() && (top + rows) * columns + SLACK <= plane {
+            offsets.extend((0..conv.input[0]).map(|channel| channel * plane + top * columns));
+            *input
         } else {
-            let phase_len = (rows + self.extra[0]) * width;
-            grow(strip, self.input[0] * self.phases.len() * phase_len + SLACK);
-            for (number, to) in strip.chunks_exact_mut(phase_len).enumerate() {
-                let (channel, phase) = (number / self.phases.len(), number % self.phases.len());
-                if channel < self.input[0] {
-                    self.lay_out(&input[channel * plane..][..plane], self.phases[phase], top, to, width);
+            let phase_len = (rows + conv.extra[0]) * width;
+            grow(strip, conv.input[0] * conv.phases.len() * phase_len + SLACK);
+            for channel in 0..conv.input[0] {
+                for (number, phase) in conv.phases.iter().enumerate() {
+                    let to = &mut strip[(channel * conv.phases.len() + number) * phase_len..][..phase_len];
+                    conv.lay_out(&input[channel * plane..][..plane], *phase, top, to, width);
                 }
-            }
-            for channel in 0..self.input[0] {
-                for tap in taps_of(&self.window) {
-                    let [sy, sx] = self.window.strides;
+                for tap in taps_of(&conv.window) {
+                    let [sy, sx] = conv.window.strides;
                     let phase =
-                        self.phases.iter().position(|p| *p == [tap[0] % sy, tap[1] % sx]).unwrap_or(0);
-                    let at = (channel * self.phases.len() + phase) * phase_len;
+                        conv.phases.iter().position(|p| *p == [tap[0] % sy, tap[1] % sx]).unwrap_or(0);
+                    let at = (channel * conv.phases.len() + phase) * phase_len;
                     offsets.push(at + tap[0] / sy * width + tap[1] / sx);
                 }
             }
             &**strip
         };
         let mut channel = 0;
-        for block in &self.blocks {
+        for block in &conv.blocks {
             grow(sums, block.bias.len() * stride);
-            Arch::new().dispatch(Sums { source, offsets, block, len, stride, sums });
+            for at in (0..len).step_by(VECTORS * S::F32_LANES) {
+                let (source, sums) = (&source[at..], &mut sums[at..]);
+                if block.bias.len() == 8 {
+                    tile::<S, 8>(simd, source, offsets, block, sums, stride);
+                } else {
+                    tile::<S, 4>(simd, source, offsets, block, sums, stride);
+                }
+            }
             for own in 0..block.channels {
                 let to = &mut planes[channel][done * columns..][..rows * columns];
                 let sums = &sums[own * stride..][..len];
                 for (row, (to, sums)) in to.chunks_exact_mut(columns).zip(sums.chunks(width)).enumerate() {
-                    self.finish(after, [channel, top + row], &sums[..columns], to);
+                    conv.finish(*after, [channel, top + row], &sums[..columns], to);
                 }
                 channel += 1;
             }
         }
     }
+}
 
+impl Conv {
     /// A phase of a channel's rows from `top` on.
+    #[inline(always)]
     fn lay_out(&self, channel: &[f32], phase: [usize; 2], top: usize, to: &mut [f32], width: usize) {
         let [_, rows, columns] = self.input;
         let [[above, _], [left, _]] = self.window.pads;
@@ -262,6 +278,7 @@ impl Conv {
     }
 
     /// A row of sums to a row of the output.
+    #[inline(always)]
     fn finish(&self, after: After<'_>, [channel, row]: [usize; 2], sums: &[f32], to: &mut [f32]) {
         let [_, rows, columns] = self.output;
         let least = if after.relu { 0.0 } else { f32::NEG_INFINITY };
@@ -282,6 +299,7 @@ impl Conv {
     }
 }
 
+#[inline(always)]
 fn every_second(from: &[f32], to: &mut [f32]) {
     let pairs = from.as_chunks::<2>().0;
     for (to, pair) in to.iter_mut().zip(pairs) {
@@ -312,33 +330,6 @@ impl WithSimd for Registers {
 
     fn with_simd<S: Simd>(self, _: S) -> usize {
         if S::REGISTER_COUNT >= 32 { 8 } else { 4 }
-    }
-}
-
-/// The sums of one block over one strip.
-struct Sums<'a> {
-    source: &'a [f32],
-    offsets: &'a [usize],
-    block: &'a Block,
-    len: usize,
-    stride: usize,
-    sums: &'a mut [f32],
-}
-
-impl WithSimd for Sums<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        let Sums { source, offsets, block, len, stride, sums } = self;
-        for at in (0..len).step_by(VECTORS * S::F32_LANES) {
-            let (source, sums) = (&source[at..], &mut sums[at..]);
-            if block.bias.len() == 8 {
-                tile::<S, 8>(simd, source, offsets, block, sums, stride);
-            } else {
-                tile::<S, 4>(simd, source, offsets, block, sums, stride);
-            }
-        }
     }
 }
 
