@@ -48,7 +48,7 @@ pub(crate) struct Node {
     pub domain: String,
 }
 
-#[derive(Message)]
+#[derive(Clone, Message)]
 pub(crate) struct Attribute {
     #[prost(string, tag = "1")]
     pub name: String,
@@ -160,11 +160,11 @@ impl Tensor {
         };
         let data = match self.data_type {
             FLOAT if self.raw.is_empty() => Data::Floats(self.floats),
-            FLOAT if self.raw.len() % 4 == 0 => {
+            FLOAT if self.raw.len().is_multiple_of(4) => {
                 Data::Floats(self.raw.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect())
             }
             INT64 if self.raw.is_empty() => Data::Whole(self.ints),
-            INT64 if self.raw.len() % 8 == 0 => {
+            INT64 if self.raw.len().is_multiple_of(8) => {
                 Data::Whole(self.raw.as_chunks().0.iter().map(|b| i64::from_le_bytes(*b)).collect())
             }
             FLOAT | INT64 => return wrong("is cut off"),

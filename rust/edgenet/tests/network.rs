@@ -106,6 +106,32 @@ fn onnx_runtime_gives_what_torch_gave() {
 }
 
 #[test]
+fn every_network_that_ships_gives_the_same_on_both_runtimes() {
+    let Some(runtime) = onnx_runtime() else { return };
+    let models = Path::new(env!("CARGO_MANIFEST_DIR")).join("models");
+    for (name, channels) in [("boxnet.onnx", 3), ("lines.onnx", 3), ("sides.onnx", 5), ("ihed.onnx", 3)] {
+        let model = std::fs::read(models.join(name)).unwrap();
+        let inside = Engine::load(&model, channels, &options(Runtime::Embedded)).unwrap();
+        let onnx = Engine::load(&model, channels, &options(runtime.clone())).unwrap();
+        assert_eq!(inside.input_shape(), onnx.input_shape(), "{name}");
+        assert_eq!(inside.output_shape(), onnx.output_shape(), "{name}");
+        for seed in 0..3 {
+            // Smooth with some noise, as pictures are.
+            let value =
+                |n: usize| ((n * 31 + seed * 97) % 253) as f32 / 1000.0 + (n as f32 * 0.01).sin() * 0.3 + 0.4;
+            let input: Vec<f32> = (0..inside.input_len()).map(value).collect();
+            let (inside, onnx) = (inside.run(&input).unwrap(), onnx.run(&input).unwrap());
+            for (n, (a, b)) in inside.iter().zip(&onnx).enumerate() {
+                assert!(
+                    f64::from((a - b).abs()) < SAME * f64::from(b.abs()).max(1.0),
+                    "{name} {n}: {a}, {b}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
 fn both_runtimes_and_several_threads_see_the_same_in_a_frame() {
     let frame = recorded("b02/a.jpg");
     let inside = EdgeNet::embedded(&options(Runtime::Embedded)).unwrap();
@@ -113,7 +139,7 @@ fn both_runtimes_and_several_threads_see_the_same_in_a_frame() {
     let maps = inside.maps(&frame).unwrap();
     assert_eq!(maps, inside.maps(&frame).unwrap(), "a second run gives the same");
     let two = Options { runtime: Runtime::Embedded, threads: NonZeroUsize::new(2).unwrap() };
-    assert!(largest_difference(&maps, &EdgeNet::embedded(&two).unwrap().maps(&frame).unwrap()) < SAME);
+    assert_eq!(maps, EdgeNet::embedded(&two).unwrap().maps(&frame).unwrap(), "to the bit");
     let Some(runtime) = onnx_runtime() else { return };
     let onnx = EdgeNet::embedded(&options(runtime)).unwrap();
     assert_eq!(onnx.runtime_name(), "ONNX Runtime");
@@ -223,20 +249,27 @@ fn damaged_files_never_panic() {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (state >> 33) as usize % n
     };
-    let mut refused = 0;
-    for _ in 0..60 {
-        let mut bytes = MODEL.to_vec();
-        for _ in 0..1 + random(4) {
-            let at = random(6000);
-            bytes[at] = random(256) as u8;
-        }
-        match EdgeNet::from_bytes(&bytes, &options(Runtime::Embedded)) {
-            Ok(net) => drop(net.maps(&Frame::from_rgb(8, 6, vec![99; 144]).unwrap())),
-            Err(e) => {
-                refused += 1;
-                assert!(matches!(e.kind(), ErrorKind::ModelFile), "{e}");
+    let models = Path::new(env!("CARGO_MANIFEST_DIR")).join("models");
+    let (lines, sides) = (std::fs::read(models.join("lines.onnx")), std::fs::read(models.join("sides.onnx")));
+    // With how many channels go in, and where the description ends.
+    let files =
+        [(MODEL, 3, 6000), (IHED_TINY, 3, 28_000), (&lines.unwrap(), 3, 9000), (&sides.unwrap(), 5, 30_000)];
+    for (model, channels, described) in files {
+        let mut refused = 0;
+        for _ in 0..150 {
+            let mut bytes = model.to_vec();
+            for _ in 0..1 + random(4) {
+                let at = random(described);
+                bytes[at] = random(256) as u8;
+            }
+            match Engine::load(&bytes, channels, &options(Runtime::Embedded)) {
+                Ok(engine) => drop(engine.run(&vec![0.5; engine.input_len()])),
+                Err(e) => {
+                    refused += 1;
+                    assert!(matches!(e.kind(), ErrorKind::ModelFile), "{e}");
+                }
             }
         }
+        assert!(refused > 10, "only {refused} of 150 were found broken: the damage is in the wrong place");
     }
-    assert!(refused > 10, "only {refused} of 60 were found broken: the damage is in the wrong place");
 }

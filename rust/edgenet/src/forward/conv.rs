@@ -208,7 +208,7 @@ impl Rows<'_> {
             *input
         } else {
             let phase_len = (rows + conv.extra[0]) * width;
-            grow(strip, conv.input[0] * conv.phases.len() * phase_len + SLACK);
+            grow(strip, conv.input[0] * conv.phases.len() * phase_len + conv.extra[1] + SLACK);
             for channel in 0..conv.input[0] {
                 for (number, phase) in conv.phases.iter().enumerate() {
                     let to = &mut strip[(channel * conv.phases.len() + number) * phase_len..][..phase_len];
@@ -360,5 +360,128 @@ fn tile<S: Simd, const C: usize>(
     for (channel, row) in tile.iter().enumerate() {
         let to = S::as_mut_simd_f32s(&mut sums[channel * stride..][..VECTORS * S::F32_LANES]).0;
         to.copy_from_slice(row);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)] // the helpers of tests are tests
+    use super::*;
+    use proptest::prelude::*;
+    use pulp::Scalar;
+
+    /// The sum as it is written, in f64.
+    fn naive(conv: &Conv, weights: &[f32], bias: &[f32], input: &[f32], after: After<'_>) -> Vec<f64> {
+        let Window { size, strides, dilations, pads } = conv.window.clone();
+        let ([channels, rows, columns], [outputs, out_rows, out_columns]) = (conv.input, conv.output);
+        let mut out = Vec::new();
+        for o in 0..outputs {
+            for y in 0..out_rows {
+                for x in 0..out_columns {
+                    let mut sum = f64::from(bias[o]);
+                    for c in 0..channels {
+                        for ky in 0..size[0] {
+                            for kx in 0..size[1] {
+                                let row = (y * strides[0] + ky * dilations[0]).checked_sub(pads[0][0]);
+                                let column = (x * strides[1] + kx * dilations[1]).checked_sub(pads[1][0]);
+                                let (Some(row), Some(column)) = (row, column) else { continue };
+                                if row < rows && column < columns {
+                                    let weight = weights[((o * channels + c) * size[0] + ky) * size[1] + kx];
+                                    sum += f64::from(weight)
+                                        * f64::from(input[(c * rows + row) * columns + column]);
+                                }
+                            }
+                        }
+                    }
+                    sum += match after.add {
+                        None => 0.0,
+                        Some(Added { values, halved: false }) => f64::from(values[out.len()]),
+                        Some(Added { values, halved: true }) => {
+                            f64::from(values[(o * (out_rows / 2) + y / 2) * (out_columns / 2) + x / 2])
+                        }
+                    };
+                    out.push(if after.relu { sum.max(0.0) } else { sum });
+                }
+            }
+        }
+        out
+    }
+
+    /// Numbers between -1 and 1.
+    fn numbers(count: usize, seed: usize) -> Vec<f32> {
+        (0..count).map(|n| ((n * 7919 + seed * 104_729) % 2003) as f32 / 1001.5 - 1.0).collect()
+    }
+
+    fn scratch(threads: usize) -> Vec<Scratch> {
+        (0..threads).map(|_| Scratch::default()).collect()
+    }
+
+    fn windows() -> impl Strategy<Value = Window> {
+        let axis = || (1usize..=4, 1usize..=3, 1usize..=2, 0usize..=2, 0usize..=2);
+        (axis(), axis()).prop_map(|(a, b)| Window {
+            size: [a.0, b.0],
+            strides: [a.1, b.1],
+            dilations: [a.2, b.2],
+            pads: [[a.3, a.4], [b.3, b.4]],
+        })
+    }
+
+    proptest! {
+        #[test]
+        fn any_convolution_is_the_sum_as_it_is_written(
+            window in windows(),
+            input in (1usize..=9, 1usize..=24, 1usize..=70),
+            outputs in 1usize..=19,
+            (add, relu, seed) in (0usize..3, any::<bool>(), 0usize..1000),
+        ) {
+            let input_sizes: [usize; 3] = input.into();
+            let sizes = [window.outputs(0, input.1), window.outputs(1, input.2)];
+            let [Some(rows), Some(columns)] = sizes else { return Ok(()) };
+            let output = [outputs, rows, columns];
+            let weights = numbers(outputs * input.0 * window.size[0] * window.size[1], seed);
+            let (bias, picture) = (numbers(outputs, seed + 1), numbers(input.0 * input.1 * input.2, seed + 2));
+            let halved = add == 2 && rows % 2 == 0 && columns % 2 == 0;
+            let values = numbers(outputs * rows * columns, seed + 3);
+            let after = After { add: (add > 0).then_some(Added { values: &values, halved }), relu };
+            let conv = Conv::new(window, input_sizes, output, &weights, &bias);
+            let due = naive(&conv, &weights, &bias, &picture, after);
+            let mut out = vec![f32::NAN; conv.output_len()];
+            conv.run(&picture, after, &mut out, &mut scratch(1));
+            // Memory that another convolution used, and a processor without vectors.
+            let mut used = Scratch { strip: vec![f32::NAN; 9], sums: vec![f32::NAN; 99], offsets: vec![7] };
+            let mut plain = vec![f32::NAN; conv.output_len()];
+            let planes = plain.chunks_exact_mut(rows * columns).collect();
+            Rows { conv: &conv, input: &picture, after, first: 0, planes, scratch: &mut used }.with_simd(Scalar::new());
+            for ((found, plain), due) in out.iter().zip(&plain).zip(&due) {
+                prop_assert!((f64::from(*found) - due).abs() < 1e-4, "{found}, {due} is due");
+                prop_assert!((f64::from(*plain) - due).abs() < 1e-4, "{plain}, {due} is due");
+            }
+        }
+    }
+
+    #[test]
+    fn any_number_of_threads_gives_the_same_to_the_bit() {
+        let window = Window { size: [3, 3], strides: [1, 1], dilations: [1, 1], pads: [[1, 1], [1, 1]] };
+        for rows in [1, 7, 67] {
+            let sizes = [17, rows, 129];
+            let (weights, picture) = (numbers(20 * 17 * 9, 1), numbers(17 * rows * 129, 2));
+            let conv = Conv::new(window.clone(), sizes, [20, rows, 129], &weights, &numbers(20, 3));
+            let run = |threads| {
+                let mut out = vec![f32::NAN; conv.output_len()];
+                conv.run(&picture, After { add: None, relu: true }, &mut out, &mut scratch(threads));
+                out
+            };
+            let one = run(1);
+            assert!((2..9).all(|threads| run(threads) == one), "{rows} rows");
+        }
+    }
+
+    #[test]
+    fn what_is_no_number_is_not_hidden() {
+        let window = Window { size: [1, 1], strides: [1, 1], dilations: [1, 1], pads: [[0, 0], [0, 0]] };
+        let conv = Conv::new(window, [1, 1, 2], [1, 1, 2], &[1.0], &[0.0]);
+        let mut out = [0.0; 2];
+        conv.run(&[f32::NAN, -1.0], After { add: None, relu: true }, &mut out, &mut scratch(1));
+        assert!(out[0].is_nan() && out[1] == 0.0, "{out:?}");
     }
 }

@@ -4,6 +4,8 @@
 mod build;
 mod conv;
 mod ops;
+#[cfg(test)]
+mod tests;
 
 use crate::engine::checked_shapes;
 use crate::onnx::Model;

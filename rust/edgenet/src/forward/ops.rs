@@ -275,7 +275,7 @@ fn exponential(x: f32) -> f32 {
     /// Adding it rounds to whole numbers, which are then in the lowest bits.
     const ROUND: f32 = 12_582_912.0;
     /// The natural logarithm of 2 in two parts: the first has few bits, so its multiples are exact.
-    const LN_2: [f32; 2] = [0.693_359_375, -2.121_944_4e-4];
+    const LN_2: [f32; 2] = [355.0 / 512.0, -2.121_944_4e-4];
     // Beyond these are 0 and numbers whose reciprocal is 0, as good as.
     let x = if x < -87.0 { -87.0 } else { x };
     let x = if x > 88.0 { 88.0 } else { x };
@@ -288,4 +288,40 @@ fn exponential(x: f32) -> f32 {
         sum = sum * rest + factor;
     }
     sum * f32::from_bits((rounded.to_bits() << 23).wrapping_add(0x3f80_0000))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn exponentials_are_those_of_the_standard_library() {
+        for n in -8700..=8800 {
+            let x = n as f32 * 0.01;
+            let due = f64::from(x).exp();
+            let share = (f64::from(exponential(x)) - due).abs() / due;
+            assert!(share < 1e-6, "{x}: {share}");
+        }
+        assert!(exponential(-1e9) < 1e-37 && exponential(1e9) > 1e38 && exponential(f32::NAN).is_nan());
+    }
+
+    #[test]
+    fn a_pool_sees_its_window_and_no_padding() {
+        let window = Window { size: [3, 2], strides: [2, 2], dilations: [1, 1], pads: [[1, 1], [0, 1]] };
+        let input: Vec<f32> = (0..15).map(|n| -((n * 7 % 15) as f32)).collect();
+        let sizes = [window.outputs(0, 3), window.outputs(1, 5)].map(|size| size.unwrap_or(0));
+        assert_eq!(sizes, [2, 3]);
+        let mut out = [0.0; 6];
+        max_pool(&window, [3, 5], sizes, &input, &mut out);
+        let due = |rows: std::ops::Range<usize>, columns: std::ops::Range<usize>| {
+            rows.flat_map(|y| columns.clone().map(move |x| (y, x)))
+                .map(|(y, x)| input[y * 5 + x])
+                .fold(f32::NEG_INFINITY, f32::max)
+        };
+        let rows = [0..2, 1..3];
+        let columns = [0..2, 2..4, 4..5];
+        for (n, out) in out.iter().enumerate() {
+            assert_eq!(*out, due(rows[n / 3].clone(), columns[n % 3].clone()), "window {n}");
+        }
+    }
 }
