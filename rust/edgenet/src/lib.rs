@@ -9,6 +9,7 @@
 mod edge_map;
 mod engine;
 mod forward;
+mod halves;
 mod onnx;
 mod onnx_runtime;
 
@@ -23,12 +24,12 @@ use rayon::prelude::*;
 use std::num::NonZeroUsize;
 use std::path::Path;
 
-/// The weights that ship; `models/boxnet.md` says where they come from.
-const EMBEDDED: &[u8] = include_bytes!("../models/boxnet.onnx");
+/// The weights that ship, packed as `halves` says; `models/boxnet.md` says where they come from.
+const EMBEDDED: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/boxnet"));
 /// The network of lines; `models/lines.md`.
-const LINES: &[u8] = include_bytes!("../models/lines.onnx");
+const LINES: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/lines"));
 /// The network of sides; `models/sides.md`.
-const SIDES: &[u8] = include_bytes!("../models/sides.onnx");
+const SIDES: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/sides"));
 
 /// Channels of a picture.
 const COLOURS: usize = 3;
@@ -112,7 +113,7 @@ impl EdgeNet {
     /// # Errors
     /// [`ErrorKind::NetworkRuntime`] if the runtime asked for cannot be had.
     pub fn embedded(options: &Options) -> Result<Self, Error> {
-        Self::from_bytes(EMBEDDED, options).map_err(|e| e.in_context("embedded network"))
+        Self::from_bytes(&halves::unpacked(EMBEDDED), options).map_err(|e| e.in_context("embedded network"))
     }
 
     /// A network from an ONNX file.
@@ -142,13 +143,13 @@ impl EdgeNet {
         }
         // Too small for more than one thread.
         let single = Options { threads: NonZeroUsize::MIN, ..options.clone() };
-        let lines =
-            Engine::load(LINES, STRIP[0], &single).map_err(|e| e.in_context("embedded network of lines"))?;
+        let lines = Engine::load(&halves::unpacked(LINES), STRIP[0], &single)
+            .map_err(|e| e.in_context("embedded network of lines"))?;
         // ONNX Runtime answers one question at a time, with all threads. The engine inside is better asked several at a time.
         let at_a_time = if engine.is_embedded() { options.threads.get() } else { 1 };
         let options = if at_a_time > 1 { &single } else { options };
-        let sides =
-            Engine::load(SIDES, VIEW[0], options).map_err(|e| e.in_context("embedded network of sides"))?;
+        let sides = Engine::load(&halves::unpacked(SIDES), VIEW[0], options)
+            .map_err(|e| e.in_context("embedded network of sides"))?;
         Ok(Self { maps: engine, lines, sides, at_a_time })
     }
 
