@@ -67,7 +67,7 @@ struct Field {
 fn fields(file: &[u8], message: std::ops::Range<usize>) -> Option<Vec<Field>> {
     let (mut at, end) = (message.start, message.end);
     let mut fields = Vec::new();
-    let mut number = |at: &mut usize| {
+    let number = |at: &mut usize| {
         let mut value = 0u64;
         for shift in (0..63).step_by(7) {
             let byte = *file.get(*at)?;

@@ -1,9 +1,11 @@
-//! The engine inside: runs the few operators of our networks, and needs nothing. `build` makes steps of an ONNX file, `conv` and `ops`
-//! are what the steps do. Why not another's: `rust/decisions/0005`.
+//! The engine inside: runs the few operators of our networks, and needs nothing. `build` makes steps of an ONNX file, with what
+//! `operators` says of each of its nodes; `conv` and `ops` are what the steps do. Why not another's: `rust/decisions/0005`.
 
 mod build;
 mod conv;
+mod operators;
 mod ops;
+mod sizes;
 #[cfg(test)]
 mod tests;
 
@@ -19,8 +21,9 @@ const MOST_VALUES: usize = 1 << 25;
 
 /// How many values an array of these sizes has; nothing if they are too many.
 pub(crate) fn len_of(sizes: &[usize]) -> Option<usize> {
-    let len = sizes.iter().try_fold(1usize, |len, size| len.checked_mul(*size))?;
-    (len <= MOST_VALUES).then_some(len)
+    // Without those that are 0: behind one the others may still be anything.
+    let most = sizes.iter().try_fold(1usize, |len, size| len.checked_mul((*size).max(1)))?;
+    (most <= MOST_VALUES).then(|| if sizes.contains(&0) { 0 } else { most })
 }
 
 /// A network as steps, one after the other.

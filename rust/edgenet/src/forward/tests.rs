@@ -313,6 +313,14 @@ fn sizes_of_a_hostile_file_take_no_memory() {
         refused(SIZES, SIZES, vec![node("Expand", &["in", "s"], "out", vec![])], vec![whole("s", wanted)]);
         refused(SIZES, SIZES, vec![node("ConstantOfShape", &["s"], "out", vec![])], vec![whole("s", wanted)]);
     }
+    // Nothing, behind which sizes may be anything.
+    for operator in ["Transpose", "Relu", "Softmax", "ReduceSum", "MaxPool", "Slice"] {
+        let nodes = vec![node(operator, &["none", "s", "s"], "out", vec![ints("kernel_shape", &[1, 1])])];
+        let none =
+            Tensor { dims: vec![0, 1, 1 << 24, 1], data_type: 1, name: "none".into(), ..Tensor::default() };
+        refused(SIZES, SIZES, nodes, vec![none, whole("s", &[0])]);
+    }
+    refused(SIZES, SIZES, vec![], weights(&[0, 1 << 62, 1 << 62], 0));
     let scales = vec![floats("scales", &[4], &[1.0, 1.0, 1e9, 1e9])];
     let nearest = vec![text("coordinate_transformation_mode", "asymmetric"), text("nearest_mode", "floor")];
     refused(SIZES, SIZES, vec![node("Resize", &["in", "", "scales"], "out", nearest)], scales);
