@@ -402,11 +402,7 @@ fn at_once(op: &Op, inputs: &[Rc<Data>], len: usize) -> Outcome<Data> {
         Op::Take(places) => ops::take(whole[0], places, &mut out),
         Op::Join(parts) => ops::join(&whole, parts, &mut out),
         Op::Pair { kind, spread } if whole.len() == 2 => {
-            let at = |number: usize, n: usize| match &spread[number] {
-                Spread::Same => whole[number][n],
-                Spread::One => whole[number][0],
-                Spread::Table(places) => whole[number][places[n] as usize],
-            };
+            let at = |number: usize, n: usize| whole[number][spread[number].place(n, whole[number].len())];
             for (n, out) in out.iter_mut().enumerate() {
                 let (a, b) = (at(0, n), at(1, n));
                 let value = match kind {

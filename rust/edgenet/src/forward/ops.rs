@@ -43,8 +43,22 @@ pub(crate) enum Spread {
     Same,
     /// Its only value meets all.
     One,
+    /// All of it over and over: an axis before its own is repeated.
+    Cycle,
     /// The value at this place.
     Table(Vec<u32>),
+}
+
+impl Spread {
+    /// Which of `len` values meets the output's number `n`.
+    pub fn place(&self, n: usize, len: usize) -> usize {
+        match self {
+            Self::Same => n,
+            Self::One => 0,
+            Self::Cycle => n % len,
+            Self::Table(places) => places[n] as usize,
+        }
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -155,12 +169,13 @@ fn pair(a: &[f32], b: &[f32], spread: &[Spread; 2], out: &mut [f32], f: impl Fn(
         }
         [Spread::Same, Spread::One] => out.iter_mut().zip(a).for_each(|(out, a)| *out = f(*a, b[0])),
         [Spread::One, Spread::Same] => out.iter_mut().zip(b).for_each(|(out, b)| *out = f(a[0], *b)),
+        [Spread::Same, Spread::Cycle] => {
+            for (out, a) in out.chunks_exact_mut(b.len()).zip(a.chunks_exact(b.len())) {
+                out.iter_mut().zip(a).zip(b).for_each(|((out, a), b)| *out = f(*a, *b));
+            }
+        }
         [first, second] => {
-            let at = |values: &[f32], spread: &Spread, n: usize| match spread {
-                Spread::Same => values[n],
-                Spread::One => values[0],
-                Spread::Table(places) => values[places[n] as usize],
-            };
+            let at = |values: &[f32], spread: &Spread, n: usize| values[spread.place(n, values.len())];
             out.iter_mut().enumerate().for_each(|(n, out)| *out = f(at(a, first, n), at(b, second, n)));
         }
     }

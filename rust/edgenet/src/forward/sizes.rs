@@ -74,6 +74,7 @@ pub(super) fn spread(sizes: &[usize], over: &[usize]) -> Spread {
     match (len_of(sizes), len_of(over)) {
         (one, all) if one == all => Spread::Same,
         (Some(1), _) => Spread::One,
+        _ if over.ends_with(&sizes[sizes.iter().take_while(|size| **size == 1).count()..]) => Spread::Cycle,
         _ => Spread::Table(spread_places(sizes, over)),
     }
 }
