@@ -3,6 +3,7 @@
 
 use super::conv::{Conv, Window};
 use super::ops::{self, Each, Op, Pair, Spread};
+use super::sizes::doubled;
 use super::{Plan, Source, Step, checked_shapes, len_of};
 use crate::onnx::{Data, Graph, Model, Node, Tensor, bad};
 use boxline::Error;
@@ -43,8 +44,8 @@ struct Draft {
 
 pub(super) enum Kind {
     Conv(Box<ConvDraft>),
-    /// Twice as many rows and columns, each value four times.
-    Doubled(Vec<u32>),
+    /// Twice as many rows and columns of an array of these sizes, each value four times.
+    Doubled(Vec<usize>),
     Other(Op),
     /// Was taken in.
     Gone,
@@ -211,7 +212,7 @@ impl Builder {
             .collect();
         if let Some(known) = known {
             let op = match kind {
-                Kind::Doubled(places) => Op::Take(places),
+                Kind::Doubled(sizes) => Op::Take(doubled(&sizes)),
                 Kind::Other(op) => op,
                 Kind::Conv(_) | Kind::Gone => return wrong("it works on nothing but weights"),
             };
@@ -331,7 +332,7 @@ impl Builder {
             buffers[buffer] = buffers[buffer].max(len);
             let op = match kind {
                 Kind::Conv(draft) => draft.op()?,
-                Kind::Doubled(places) => Op::Take(places),
+                Kind::Doubled(sizes) => Op::Take(doubled(&sizes)),
                 Kind::Other(op) => op,
                 Kind::Gone => continue,
             };

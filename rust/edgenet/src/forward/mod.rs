@@ -79,6 +79,18 @@ impl Plan {
             buffers: self.buffers.iter().map(|len| vec![0.0; *len]).collect(),
             scratch: (0..self.threads).map(|_| Scratch::default()).collect(),
         });
+        if self.threads > 1 {
+            // On a thread of the pool, from which others take their part without a detour for each step.
+            rayon::scope(|_| self.take_steps(input, &mut memory));
+        } else {
+            self.take_steps(input, &mut memory);
+        }
+        let output = self.result.values(input, &memory.buffers).to_vec();
+        self.idle.lock().unwrap_or_else(PoisonError::into_inner).push(memory);
+        output
+    }
+
+    fn take_steps(&self, input: &[f32], memory: &mut Memory) {
         for step in &self.steps {
             let mut out = std::mem::take(&mut memory.buffers[step.output]);
             {
@@ -88,9 +100,6 @@ impl Plan {
             }
             memory.buffers[step.output] = out;
         }
-        let output = self.result.values(input, &memory.buffers).to_vec();
-        self.idle.lock().unwrap_or_else(PoisonError::into_inner).push(memory);
-        output
     }
 }
 

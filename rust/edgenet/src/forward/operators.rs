@@ -542,8 +542,11 @@ fn resize(inputs: &[Option<Value>], attributes: &Attributes<'_>) -> Outcome<Give
             });
             let picks: Vec<Vec<usize>> = picks.collect();
             let doubled = scales == [1.0, 1.0, 2.0, 2.0];
-            let places = places(&picks, &steps_of(&input.sizes));
-            let kind = if doubled { Kind::Doubled(places) } else { Kind::Other(Op::Take(places)) };
+            let kind = if doubled {
+                Kind::Doubled(input.sizes.clone())
+            } else {
+                Kind::Other(Op::Take(places(&picks, &steps_of(&input.sizes))))
+            };
             Ok(Given::Step(kind, vec![input.clone()], sizes))
         }
         ("linear", "half_pixel") if scales.len() == 4 && sizes[..2] == input.sizes[..2] => {

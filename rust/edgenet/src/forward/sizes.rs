@@ -96,3 +96,12 @@ pub(super) fn lanes(sizes: &[usize], axes: &[usize]) -> Outcome<Lanes> {
     }
     Ok(Lanes { len, inner })
 }
+
+/// Places in an array of four axes for twice as many rows and columns.
+pub(super) fn doubled(sizes: &[usize]) -> Vec<u32> {
+    let twice = |axis: usize| if axis < 2 { 1 } else { 2 };
+    let picks: Vec<Vec<usize>> = (0..sizes.len())
+        .map(|axis| (0..sizes[axis] * twice(axis)).map(|n| n / twice(axis)).collect())
+        .collect();
+    places(&picks, &steps_of(sizes))
+}

@@ -239,6 +239,18 @@ fn pictures_grow_by_nearest_and_between() {
 }
 
 #[test]
+fn a_picture_twice_as_large_is_made_where_no_convolution_takes_it_in() {
+    let attributes =
+        vec![text("coordinate_transformation_mode", "asymmetric"), text("nearest_mode", "floor")];
+    let nodes = vec![node("Resize", &["in", "", "scales"], "out", attributes)];
+    let found = ran(SIZES, [1, 3, 8, 12], nodes, vec![floats("scales", &[4], &[1.0, 1.0, 2.0, 2.0])]);
+    let input = picture(SIZES);
+    for (n, found) in found.iter().enumerate() {
+        assert_eq!(*found, at(&input, n / 96, n / 12 % 8 / 2, n % 12 / 2), "place {n}");
+    }
+}
+
+#[test]
 fn sums_relu_and_growth_go_into_the_convolution_before_them() {
     // A point that doubles, another that turns the sign, of the half picture, which grows again.
     let weights = || {
