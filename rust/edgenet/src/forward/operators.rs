@@ -222,6 +222,11 @@ impl Builder {
                 let axes = axes()?.unwrap_or_else(|| (0..rank as i64).collect());
                 let axes = axes.iter().map(|axis| axis_of(*axis, rank)).collect::<Outcome<Vec<_>>>()?;
                 let input = first()?;
+                if attributes.int("noop_with_empty_axes", 0) != 0 {
+                    return wrong(
+                        "the engine inside knows no sum that sums nothing; ONNX Runtime can run it",
+                    );
+                }
                 let lanes = lanes(&input.sizes, &axes)?;
                 let keep = attributes.int("keepdims", 1) != 0;
                 let sizes =
