@@ -38,6 +38,7 @@ fn face() -> FaceMeasurement {
         surface: vec![SurfacePoint { at_mm: [-20.0, 30.5], height: Estimate::new(1.25, 0.125) }],
         straightness: [0.5, -0.25, 0.0, 1.0]
             .map(|mm| Straightness { sagitta: Estimate::new(mm, 0.125), rms_mm: 0.75 }),
+        light: Some(boxline::SideLight::ALL),
         enclosing: [Estimate::new(551.5, 0.5), Estimate::new(300.5, 0.25)],
         confidence: Some(0.9375),
     }

@@ -473,7 +473,7 @@ pub struct NetworkArgs {
     /// (HED, IHED), which gives a single map
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
-    /// Threads of the network; needs ONNX Runtime, whose library is looked for beside the program and in ORT_DYLIB_PATH
+    /// Threads of the network. It runs on ONNX Runtime if its library is beside the program or ORT_DYLIB_PATH names it, else inside
     #[arg(long, value_name = "N", value_parser = threads)]
     pub threads: Option<NonZeroUsize>,
     /// Refuse what is less likely to be right than this, 0 to 1; rust/ACCURACY.md has the curve

@@ -36,7 +36,7 @@ fn main() -> Outcome<()> {
         println!("{} {} {}", timed.best_ms, timed.whole_ms, timed.peak_mb);
         return Ok(());
     }
-    let mut runtimes = vec!["tract"];
+    let mut runtimes = vec!["embedded"];
     if std::env::var_os("ORT_DYLIB_PATH").is_some() {
         runtimes.insert(0, "ort");
     }
@@ -66,7 +66,7 @@ fn main() -> Outcome<()> {
             );
         } else {
             println!(
-                "{name:40} {runtime:6} {threads} threads {best_ms:8.1} ms, input {input_ms:4.1} ms, peak {peak_mb:5.0} MB"
+                "{name:40} {runtime:8} {threads} threads {best_ms:8.1} ms, input {input_ms:4.1} ms, peak {peak_mb:5.0} MB"
             );
         }
     }
@@ -97,8 +97,8 @@ fn in_own_process(file: Option<&Path>, runtime: &str, threads: NonZeroUsize, run
 }
 
 fn time(file: Option<&Path>, runtime: &str, threads: NonZeroUsize, runs: usize) -> Outcome<Timed> {
-    let runtime = if runtime == "tract" {
-        Runtime::Tract
+    let runtime = if runtime == "embedded" {
+        Runtime::Embedded
     } else {
         Runtime::OnnxRuntime(std::env::var_os("ORT_DYLIB_PATH").ok_or("ORT_DYLIB_PATH is not set")?.into())
     };

@@ -1,7 +1,7 @@
 //! Runs an ONNX file that turns one image into maps, on one of two runtimes. Knows nothing of what the maps mean.
 
+use crate::forward::Plan;
 use crate::onnx_runtime::{self, OnnxSession};
-use crate::tract::TractPlan;
 use boxline::{Error, ErrorKind};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -9,15 +9,15 @@ use std::path::PathBuf;
 /// What runs the network.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum Runtime {
-    /// ONNX Runtime if its library is found, else tract. It is looked for where the variable `ORT_DYLIB_PATH` says, without it
+    /// ONNX Runtime if its library is found, else the engine inside. It is looked for where the variable `ORT_DYLIB_PATH` says, without it
     /// next to the program, on Android also among the app's own libraries. One that is there but cannot be loaded is
     /// an error.
     #[default]
     Auto,
     /// ONNX Runtime, 1.17 or newer, from this library. A process can try one library only.
     OnnxRuntime(PathBuf),
-    /// The engine inside the program.
-    Tract,
+    /// The engine inside the program: the operators of our networks and no others.
+    Embedded,
 }
 
 /// How a network is run.
@@ -53,7 +53,7 @@ pub struct Engine {
 /// The two kinds.
 enum Loaded {
     OnnxRuntime(OnnxSession),
-    Tract(TractPlan),
+    Embedded(Plan),
 }
 
 impl Engine {
@@ -66,17 +66,17 @@ impl Engine {
         let library = match &options.runtime {
             Runtime::Auto => onnx_runtime::find()?,
             Runtime::OnnxRuntime(path) => Some(onnx_runtime::load(path)?),
-            Runtime::Tract => None,
+            Runtime::Embedded => None,
         };
         let loaded = match library {
             Some(environment) => {
                 Loaded::OnnxRuntime(OnnxSession::load(&environment, model, channels, threads)?)
             }
-            None => Loaded::Tract(TractPlan::load(model, channels, threads)?),
+            None => Loaded::Embedded(Plan::load(model, channels, threads)?),
         };
         let [input_shape, output_shape] = match &loaded {
             Loaded::OnnxRuntime(session) => session.shapes(),
-            Loaded::Tract(plan) => plan.shapes(),
+            Loaded::Embedded(plan) => plan.shapes(),
         };
         Ok(Self { loaded, input_shape, output_shape })
     }
@@ -93,13 +93,17 @@ impl Engine {
         self.output_shape
     }
 
-    /// `ONNX Runtime` or `tract`.
+    /// `ONNX Runtime` or `embedded`.
     #[must_use]
     pub const fn runtime_name(&self) -> &'static str {
         match self.loaded {
             Loaded::OnnxRuntime(_) => "ONNX Runtime",
-            Loaded::Tract(_) => "tract",
+            Loaded::Embedded(_) => "embedded",
         }
+    }
+
+    pub(crate) const fn is_embedded(&self) -> bool {
+        matches!(self.loaded, Loaded::Embedded(_))
     }
 
     /// Values of an input.
@@ -119,7 +123,7 @@ impl Engine {
         }
         match &self.loaded {
             Loaded::OnnxRuntime(session) => session.run(input),
-            Loaded::Tract(plan) => plan.run(input),
+            Loaded::Embedded(plan) => Ok(plan.run(input)),
         }
     }
 }

@@ -2,14 +2,16 @@
 //! that sees the face in its own plane and says where its sides are.
 //!
 //! [`EdgeNet`] is what the product uses, [`EdgeMapNet`] the paper's kind of network, [`AnyNet`] whichever a file holds; `engine` below runs any ONNX file of the same kind on ONNX Runtime
-//! (`onnx_runtime`, where its library is found) or on tract (`tract`, always there).
+//! (`onnx_runtime`, where its library is found) or on the engine inside (`forward`, always there).
 //! Training, export and scores are Python, in `training/`.
 #![forbid(unsafe_code)]
 
 mod edge_map;
 mod engine;
+mod forward;
+mod halves;
+mod onnx;
 mod onnx_runtime;
-mod tract;
 
 pub use edge_map::EdgeMapNet;
 pub use engine::{Engine, Options, Runtime};
@@ -18,24 +20,27 @@ use boxline::image::small::Downscaler;
 use boxline::network::{CHANNELS, EdgeMapNetwork, FaceMaps, LineStrip, Network, STRIP};
 use boxline::view::{FaceView, SideOdds, VIEW, Way};
 use boxline::{Error, ErrorKind, Frame};
+use rayon::prelude::*;
 use std::num::NonZeroUsize;
 use std::path::Path;
 
-/// The weights that ship; `models/boxnet.md` says where they come from.
-const EMBEDDED: &[u8] = include_bytes!("../models/boxnet.onnx");
+/// The weights that ship, packed as `halves` says; `models/boxnet.md` says where they come from.
+const EMBEDDED: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/boxnet"));
 /// The network of lines; `models/lines.md`.
-const LINES: &[u8] = include_bytes!("../models/lines.onnx");
+const LINES: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/lines"));
 /// The network of sides; `models/sides.md`.
-const SIDES: &[u8] = include_bytes!("../models/sides.onnx");
+const SIDES: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/sides"));
 
 /// Channels of a picture.
 const COLOURS: usize = 3;
 
-/// A loaded network. Several threads may ask it at a time: with tract each runs by itself, ONNX Runtime takes one after the other.
+/// A loaded network. Several threads may ask it at a time: with the engine inside each runs by itself, ONNX Runtime takes one after the other.
 pub struct EdgeNet {
     maps: Engine,
     lines: Engine,
     sides: Engine,
+    /// So many ways to see a face are asked at a time.
+    at_a_time: usize,
 }
 
 /// What a network of frames says of one, and columns and rows of it.
@@ -108,7 +113,7 @@ impl EdgeNet {
     /// # Errors
     /// [`ErrorKind::NetworkRuntime`] if the runtime asked for cannot be had.
     pub fn embedded(options: &Options) -> Result<Self, Error> {
-        Self::from_bytes(EMBEDDED, options).map_err(|e| e.in_context("embedded network"))
+        Self::from_bytes(&halves::unpacked(EMBEDDED), options).map_err(|e| e.in_context("embedded network"))
     }
 
     /// A network from an ONNX file.
@@ -138,11 +143,14 @@ impl EdgeNet {
         }
         // Too small for more than one thread.
         let single = Options { threads: NonZeroUsize::MIN, ..options.clone() };
-        let lines =
-            Engine::load(LINES, STRIP[0], &single).map_err(|e| e.in_context("embedded network of lines"))?;
-        let sides =
-            Engine::load(SIDES, VIEW[0], options).map_err(|e| e.in_context("embedded network of sides"))?;
-        Ok(Self { maps: engine, lines, sides })
+        let lines = Engine::load(&halves::unpacked(LINES), STRIP[0], &single)
+            .map_err(|e| e.in_context("embedded network of lines"))?;
+        // ONNX Runtime answers one question at a time, with all threads. The engine inside is better asked several at a time.
+        let at_a_time = if engine.is_embedded() { options.threads.get() } else { 1 };
+        let options = if at_a_time > 1 { &single } else { options };
+        let sides = Engine::load(&halves::unpacked(SIDES), VIEW[0], options)
+            .map_err(|e| e.in_context("embedded network of sides"))?;
+        Ok(Self { maps: engine, lines, sides, at_a_time })
     }
 
     /// What the network of sides says of a view seen in one way; [`Network::sides`] asks in all.
@@ -159,7 +167,7 @@ impl EdgeNet {
         SideOdds::from_logits(&logits).ok_or_else(broken)
     }
 
-    /// What runs it: `ONNX Runtime` or `tract`.
+    /// What runs it: `ONNX Runtime` or `embedded`.
     #[must_use]
     pub const fn runtime_name(&self) -> &'static str {
         self.maps.runtime_name()
@@ -174,8 +182,14 @@ impl Network for EdgeNet {
     }
 
     fn sides(&self, view: &FaceView) -> Result<Option<SideOdds>, Error> {
-        let told = Way::ALL.map(|way| self.sides_seen(view, way).map(|odds| (way, odds)));
-        let told = told.into_iter().collect::<Result<Vec<_>, _>>()?;
+        let ask = |way: &Way| self.sides_seen(view, *way).map(|odds| (*way, odds));
+        let ways = Way::ALL.as_slice();
+        let told = if self.at_a_time > 1 {
+            let ways = ways.par_iter().with_min_len(ways.len().div_ceil(self.at_a_time));
+            ways.map(ask).collect::<Result<Vec<_>, _>>()?
+        } else {
+            ways.iter().map(ask).collect::<Result<Vec<_>, _>>()?
+        };
         Ok(SideOdds::of_ways(&told))
     }
 

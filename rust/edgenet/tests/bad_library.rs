@@ -6,7 +6,7 @@ use boxline_edgenet::{EdgeNet, Options, Runtime};
 use std::path::PathBuf;
 
 #[test]
-fn a_library_that_is_none_is_an_error_now_and_later_and_tract_goes_on() {
+fn a_library_that_is_none_is_an_error_now_and_later_and_the_engine_inside_goes_on() {
     let with = |runtime| EdgeNet::embedded(&Options { runtime, ..Options::default() });
     let none = PathBuf::from("/no/such/libonnxruntime.so");
     let missing = with(Runtime::OnnxRuntime(none)).unwrap_err();
@@ -25,5 +25,5 @@ fn a_library_that_is_none_is_an_error_now_and_later_and_tract_goes_on() {
         let error = with(Runtime::OnnxRuntime(again)).unwrap_err();
         assert!(error.to_string().contains("not tried"), "{error}");
     }
-    assert_eq!(with(Runtime::Tract).unwrap().runtime_name(), "tract");
+    assert_eq!(with(Runtime::Embedded).unwrap().runtime_name(), "embedded");
 }

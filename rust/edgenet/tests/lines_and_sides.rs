@@ -81,8 +81,8 @@ fn gives_what_torch_gave(network: &EdgeNet) {
 }
 
 #[test]
-fn tract_gives_what_torch_gave() {
-    gives_what_torch_gave(&network(Runtime::Tract));
+fn the_engine_inside_gives_what_torch_gave() {
+    gives_what_torch_gave(&network(Runtime::Embedded));
 }
 
 #[test]
@@ -100,7 +100,7 @@ fn onnx_runtime_gives_what_torch_gave() {
 
 #[test]
 fn a_strip_that_does_not_fit_or_is_no_number_is_an_error() {
-    let network = network(Runtime::Tract);
+    let network = network(Runtime::Embedded);
     let short = LineStrip { values: vec![0.0; 7], ..strip(0) };
     assert_eq!(network.line_log_odds(&short).unwrap_err().kind(), ErrorKind::ModelFile);
     let nan = LineStrip { values: vec![f32::NAN; strip(0).values.len()], ..strip(0) };

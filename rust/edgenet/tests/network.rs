@@ -89,9 +89,9 @@ fn difference_to_torch(runtime: Runtime, (model, check): Exported) -> f64 {
 const SAME: f64 = 1e-4;
 
 #[test]
-fn tract_gives_what_torch_gave() {
+fn the_engine_inside_gives_what_torch_gave() {
     for exported in [BOXNET, IHED] {
-        let difference = difference_to_torch(Runtime::Tract, exported);
+        let difference = difference_to_torch(Runtime::Embedded, exported);
         assert!(difference < SAME, "{difference}");
     }
 }
@@ -106,14 +106,40 @@ fn onnx_runtime_gives_what_torch_gave() {
 }
 
 #[test]
+fn every_network_that_ships_gives_the_same_on_both_runtimes() {
+    let Some(runtime) = onnx_runtime() else { return };
+    let models = Path::new(env!("CARGO_MANIFEST_DIR")).join("models");
+    for (name, channels) in [("boxnet.onnx", 3), ("lines.onnx", 3), ("sides.onnx", 5), ("ihed.onnx", 3)] {
+        let model = std::fs::read(models.join(name)).unwrap();
+        let inside = Engine::load(&model, channels, &options(Runtime::Embedded)).unwrap();
+        let onnx = Engine::load(&model, channels, &options(runtime.clone())).unwrap();
+        assert_eq!(inside.input_shape(), onnx.input_shape(), "{name}");
+        assert_eq!(inside.output_shape(), onnx.output_shape(), "{name}");
+        for seed in 0..3 {
+            // Smooth with some noise, as pictures are.
+            let value =
+                |n: usize| ((n * 31 + seed * 97) % 253) as f32 / 1000.0 + (n as f32 * 0.01).sin() * 0.3 + 0.4;
+            let input: Vec<f32> = (0..inside.input_len()).map(value).collect();
+            let (inside, onnx) = (inside.run(&input).unwrap(), onnx.run(&input).unwrap());
+            for (n, (a, b)) in inside.iter().zip(&onnx).enumerate() {
+                assert!(
+                    f64::from((a - b).abs()) < SAME * f64::from(b.abs()).max(1.0),
+                    "{name} {n}: {a}, {b}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
 fn both_runtimes_and_several_threads_see_the_same_in_a_frame() {
     let frame = recorded("b02/a.jpg");
-    let tract = EdgeNet::embedded(&options(Runtime::Tract)).unwrap();
-    assert_eq!(tract.runtime_name(), "tract");
-    let maps = tract.maps(&frame).unwrap();
-    assert_eq!(maps, tract.maps(&frame).unwrap(), "a second run gives the same");
-    let two = Options { runtime: Runtime::Tract, threads: NonZeroUsize::new(2).unwrap() };
-    assert!(largest_difference(&maps, &EdgeNet::embedded(&two).unwrap().maps(&frame).unwrap()) < SAME);
+    let inside = EdgeNet::embedded(&options(Runtime::Embedded)).unwrap();
+    assert_eq!(inside.runtime_name(), "embedded");
+    let maps = inside.maps(&frame).unwrap();
+    assert_eq!(maps, inside.maps(&frame).unwrap(), "a second run gives the same");
+    let two = Options { runtime: Runtime::Embedded, threads: NonZeroUsize::new(2).unwrap() };
+    assert_eq!(maps, EdgeNet::embedded(&two).unwrap().maps(&frame).unwrap(), "to the bit");
     let Some(runtime) = onnx_runtime() else { return };
     let onnx = EdgeNet::embedded(&options(runtime)).unwrap();
     assert_eq!(onnx.runtime_name(), "ONNX Runtime");
@@ -125,20 +151,24 @@ fn both_runtimes_and_several_threads_see_the_same_in_a_frame() {
 }
 
 #[test]
-fn the_8_bit_file_sees_the_same_lines() {
-    let frame = recorded("b02/a.jpg");
+fn the_8_bit_file_sees_the_same_lines_and_is_refused_by_the_engine_inside() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("models/boxnet-int8.onnx");
-    let float = EdgeNet::embedded(&options(Runtime::Tract)).unwrap().maps(&frame).unwrap();
-    for runtime in [Some(Runtime::Tract), onnx_runtime()].into_iter().flatten() {
-        let small = EdgeNet::from_path(&path, &options(runtime)).unwrap().maps(&frame).unwrap();
-        for channel in Channel::ALL {
-            let line = |map: &FaceMaps| map.channel(channel).iter().map(|p| *p >= 0.5).collect::<Vec<_>>();
-            let (a, b) = (line(&float), line(&small));
-            let both = a.iter().zip(&b).filter(|(x, y)| **x && **y).count();
-            let either = a.iter().zip(&b).filter(|(x, y)| **x || **y).count();
-            // An eighth of a line's pixels lie at its rim, where a step of 8 bits decides.
-            assert!(both as f64 >= 0.75 * either as f64, "{channel:?}: {both} of {either}");
-        }
+    let refused = EdgeNet::from_path(&path, &options(Runtime::Embedded)).unwrap_err();
+    assert_eq!(refused.kind(), ErrorKind::ModelFile);
+    for word in ["boxnet-int8.onnx", "ONNX Runtime can run it"] {
+        assert!(refused.to_string().contains(word), "{refused}");
+    }
+    let Some(runtime) = onnx_runtime() else { return };
+    let frame = recorded("b02/a.jpg");
+    let float = EdgeNet::embedded(&options(Runtime::Embedded)).unwrap().maps(&frame).unwrap();
+    let small = EdgeNet::from_path(&path, &options(runtime)).unwrap().maps(&frame).unwrap();
+    for channel in Channel::ALL {
+        let line = |map: &FaceMaps| map.channel(channel).iter().map(|p| *p >= 0.5).collect::<Vec<_>>();
+        let (a, b) = (line(&float), line(&small));
+        let both = a.iter().zip(&b).filter(|(x, y)| **x && **y).count();
+        let either = a.iter().zip(&b).filter(|(x, y)| **x || **y).count();
+        // An eighth of a line's pixels lie at its rim, where a step of 8 bits decides.
+        assert!(both as f64 >= 0.75 * either as f64, "{channel:?}: {both} of {either}");
     }
 }
 
@@ -150,7 +180,7 @@ fn largest_difference(a: &FaceMaps, b: &FaceMaps) -> f64 {
 
 #[test]
 fn frames_of_any_size_and_shape_give_maps_that_cover_them() {
-    let net = EdgeNet::embedded(&options(Runtime::Tract)).unwrap();
+    let net = EdgeNet::embedded(&options(Runtime::Embedded)).unwrap();
     for (w, h) in [(1, 1), (2, 3), (512, 384), (640, 481), (3000, 7), (2592, 1944)] {
         let frame = Frame::from_rgb(w, h, (0..w * h * 3).map(|i| (i * 37 % 256) as u8).collect()).unwrap();
         let maps = net.maps(&frame).unwrap();
@@ -162,7 +192,7 @@ fn frames_of_any_size_and_shape_give_maps_that_cover_them() {
 
 #[test]
 fn where_there_is_no_box_the_network_says_so() {
-    let net = EdgeNet::embedded(&options(Runtime::Tract)).unwrap();
+    let net = EdgeNet::embedded(&options(Runtime::Embedded)).unwrap();
     let black = vec![0; 2592 * 1944 * 3];
     // Grey with the noise of a dim sensor.
     let grey = (0..2592 * 1944 * 3).map(|i: u32| 90 + (i.wrapping_mul(2_654_435_761) >> 28) as u8).collect();
@@ -178,12 +208,12 @@ fn where_there_is_no_box_the_network_says_so() {
 
 #[test]
 fn broken_files_are_errors_that_say_what_is_wrong() {
-    let kind = |bytes: &[u8]| EdgeNet::from_bytes(bytes, &options(Runtime::Tract)).unwrap_err();
+    let kind = |bytes: &[u8]| EdgeNet::from_bytes(bytes, &options(Runtime::Embedded)).unwrap_err();
     for bytes in [&b""[..], b"not a network", &MODEL[..MODEL.len() / 2], &MODEL[1..]] {
         let e = kind(bytes);
         assert_eq!(e.kind(), ErrorKind::ModelFile, "{e}");
     }
-    let missing = EdgeNet::from_path(Path::new("no/such.onnx"), &options(Runtime::Tract)).unwrap_err();
+    let missing = EdgeNet::from_path(Path::new("no/such.onnx"), &options(Runtime::Embedded)).unwrap_err();
     assert_eq!(missing.kind(), ErrorKind::Io);
     assert!(missing.to_string().contains("no/such.onnx"), "{missing}");
 }
@@ -192,7 +222,7 @@ fn broken_files_are_errors_that_say_what_is_wrong() {
 fn a_file_of_one_map_is_the_papers_network_and_no_other() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
     let (one, nine) = (folder.join("tests/data/ihed-tiny.onnx"), folder.join("models/boxnet.onnx"));
-    let options = options(Runtime::Tract);
+    let options = options(Runtime::Embedded);
     let any = |path| AnyNet::from_path(path, &options).unwrap();
     let (ihed, boxnet) = (any(&one), any(&nine));
     assert!(ihed.network().is_none() && ihed.edge_map().is_some(), "{ihed:?}");
@@ -219,20 +249,27 @@ fn damaged_files_never_panic() {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (state >> 33) as usize % n
     };
-    let mut refused = 0;
-    for _ in 0..60 {
-        let mut bytes = MODEL.to_vec();
-        for _ in 0..1 + random(4) {
-            let at = random(6000);
-            bytes[at] = random(256) as u8;
-        }
-        match EdgeNet::from_bytes(&bytes, &options(Runtime::Tract)) {
-            Ok(net) => drop(net.maps(&Frame::from_rgb(8, 6, vec![99; 144]).unwrap())),
-            Err(e) => {
-                refused += 1;
-                assert!(matches!(e.kind(), ErrorKind::ModelFile), "{e}");
+    let models = Path::new(env!("CARGO_MANIFEST_DIR")).join("models");
+    let (lines, sides) = (std::fs::read(models.join("lines.onnx")), std::fs::read(models.join("sides.onnx")));
+    // With how many channels go in, and where the description ends.
+    let files =
+        [(MODEL, 3, 6000), (IHED_TINY, 3, 28_000), (&lines.unwrap(), 3, 9000), (&sides.unwrap(), 5, 30_000)];
+    for (model, channels, described) in files {
+        let mut refused = 0;
+        for _ in 0..150 {
+            let mut bytes = model.to_vec();
+            for _ in 0..1 + random(4) {
+                let at = random(described);
+                bytes[at] = random(256) as u8;
+            }
+            match Engine::load(&bytes, channels, &options(Runtime::Embedded)) {
+                Ok(engine) => drop(engine.run(&vec![0.5; engine.input_len()])),
+                Err(e) => {
+                    refused += 1;
+                    assert!(matches!(e.kind(), ErrorKind::ModelFile), "{e}");
+                }
             }
         }
+        assert!(refused > 10, "only {refused} of 150 were found broken: the damage is in the wrong place");
     }
-    assert!(refused > 10, "only {refused} of 60 were found broken: the damage is in the wrong place");
 }

@@ -256,14 +256,14 @@ def page(rows: list[Row], missing: list[str], arguments: argparse.Namespace) -> 
         "512 x 384 input, one thread; the least of many runs, all in one run of the timing program, each in a process of its own,",
         "whose peak memory is given. Other work on the machine makes single figures worse, not better.",
         "",
-        "| network | M parameters | GMAC | ONNX Runtime ms | tract ms | ONNX Runtime MB | tract MB |",
+        "| network | M parameters | GMAC | ONNX Runtime ms | engine inside ms | ONNX Runtime MB | engine inside MB |",
         "|---|---|---|---|---|---|---|",
     ]
     for row in rows:
         if row.fused_only or ("seed" in row.name and "seed 1" not in row.name):
             continue
         time = lambda runtime, key, digits: number(row.times.get(runtime, {}).get(key), digits)
-        costs = [time("ort", "ms", 1), time("tract", "ms", 1), time("ort", "peak_mb", 0), time("tract", "peak_mb", 0)]
+        costs = [time("ort", "ms", 1), time("embedded", "ms", 1), time("ort", "peak_mb", 0), time("embedded", "peak_mb", 0)]
         lines.append("| " + " | ".join([row.name.split(", seed")[0], f"{row.parameters:.3f}", f"{row.gmac:.2f}", *costs]) + " |")
     for row in rows:
         if row.state["options"]["net"] != "boxnet":

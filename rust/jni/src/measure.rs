@@ -113,7 +113,7 @@ mod network {
     use std::num::NonZeroUsize;
     use std::sync::{Arc, Mutex, PoisonError};
 
-    /// Once per process: it holds 60 MB, and a process can load one ONNX Runtime only.
+    /// Once per process: it takes time and memory, and a process can load one ONNX Runtime only.
     static NETWORK: Mutex<Option<Arc<EdgeNet>>> = Mutex::new(None);
 
     pub struct Loaded(Arc<EdgeNet>);
