@@ -129,7 +129,7 @@ fn a_measured_box_as_json() {
         "plane": {"normal": [0.0, 0.0, 1.0], "distance_mm": 1000.0}, "rms_px": 0.4, "reject": null,
         "corner_angles_rad": corner_angles,
         "warnings": warning_entries, "surface_mm": [[-20.0, 30.5, 1.25, 0.125]],
-        "straightness_mm": straightness,
+        "straightness_mm": straightness, "light": ["confirmed", "dark", "open", "contradicted"],
         "enclosing_mm": {"length": estimate(551.5, 0.5), "width": estimate(300.5, 0.25)},
         "hint": null, "confidence": 0.9375,
     });
@@ -139,7 +139,7 @@ fn a_measured_box_as_json() {
         "frame": "b", "outcome": "rejected", "length_mm": null, "width_mm": null, "corners_px": null,
         "key_points_px": null, "plane": null, "rms_px": null, "reject": reject,
         "corner_angles_rad": null, "warnings": [], "surface_mm": [],
-        "straightness_mm": [], "enclosing_mm": null,
+        "straightness_mm": [], "light": null, "enclosing_mm": null,
         "hint": {"text": "roll the head by 11 degrees clockwise, go 20 cm closer", "moves": [
             {"move": "roll", "clockwise_rad": 0.2}, {"move": "closer", "by_mm": 200.0}]},
         "confidence": null,

@@ -24,6 +24,7 @@ use serde_json::{Map, Value, json};
 ///             "corner_angles_rad": [{"value": 0, "sigma": 0}, "4 of them, or null"], "warnings": [..], "reject": {..},
 ///             "surface_mm": [[along_length, along_width, height, sigma], "one a piece of a stripe"], "confidence": 0.97,
 ///             "straightness_mm": [{"sagitta": 0, "sigma": 0, "rms": 0}, "4 of them: corner 0-1, 1-2, 2-3, 3-0"],
+///             "light": ["confirmed" | "dark" | "open" | "contradicted", "4 of them, or null"],
 ///             "enclosing_mm": {"length": {..}, "width": {..}},
 ///             "hint": {"text": "go 20 cm closer", "moves": [{"move": "closer", "by_mm": 200}]}}],
 ///  "enclosing_mm": {"length": {..}, "width": {..}, "height": {..}, "volume_m3": {..}},
@@ -36,7 +37,7 @@ use serde_json::{Map, Value, json};
 /// faces told an A x A x B box from A x B x B. `confidence` is the probability that the result is right, `null` without a network;
 /// `likeliest` the likeliest boxes of a refused one; `third_face_helps` that two frames leave open what a third may settle. The plane's unit normal points away from the camera (frame: camera). `surface_mm`
 /// is how far the surface lies from the plane, towards the camera, at a position from the face's middle. The hint is `null` if the view
-/// was not refused or moving does not help. `enclosing_mm` is the smallest rectangle of the face's direction, or box of the box's, that
+/// was not refused or moving does not help. `light` is what the stripes' light says of each side ([`boxline::SideLight`]). `enclosing_mm` is the smallest rectangle of the face's direction, or box of the box's, that
 /// encloses it, edges that bow (`sagitta`, positive outwards) and wave included.
 #[must_use]
 pub fn report_json(report: &BoxReport, hints: &[Option<Hint>], frame_ids: &[&str]) -> Value {

@@ -162,6 +162,33 @@ fn the_same_face_twice_leaves_two_boxes() {
 }
 
 #[test]
+fn views_with_the_lasers_off_are_used_and_one_that_does_not_fit_is_named_and_left_out() {
+    let (a, b, a_off, b_off) =
+        (data("b02/a.jpg"), data("b02/b.jpg"), data("b02/a_off.jpg"), data("b02/b_off.jpg"));
+    let (calibration, folder) = (calibration(), data("b02"));
+    let of_frames = |off: &[&Path]| {
+        let mut arguments =
+            vec!["measure", text(&a), text(&b), "--calibration", text(&calibration), "--json"];
+        off.iter().for_each(|off| arguments.extend(["--off", text(off)]));
+        boxline(&arguments)
+    };
+    let length = |output: &Output| json_of(output)["length_mm"]["value"].as_f64().unwrap();
+    let recorded = boxline(&["measure", text(&folder), "--json"]);
+    let with_off = of_frames(&[&a_off, &b_off]);
+    assert_eq!(length(&with_off), length(&recorded), "a recording's own are used");
+    let without = of_frames(&[]);
+    assert_eq!(length(&without), length(&boxline(&["measure", text(&folder), "--ignore-off", "--json"])));
+    assert!((length(&with_off) - length(&without)).abs() < 0.5);
+    let wrong = of_frames(&[&b_off, &b_off]);
+    assert!(stderr(&wrong).contains("b_off.jpg: not used"), "{}", stderr(&wrong));
+    for off in [&[&*a_off][..], &[&*a_off, &*b_off, &*b_off]] {
+        let output = of_frames(off);
+        assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
+        assert!(stderr(&output).contains("--off"), "{}", stderr(&output));
+    }
+}
+
+#[test]
 fn a_third_frame_settles_which_box_it_is_and_one_that_shows_none_does_no_harm() {
     let (a, b, dark) = (data("b02/a.jpg"), data("b02/b.jpg"), data("b02/a_off.jpg"));
     let calibration = calibration();

@@ -219,11 +219,11 @@ public final class BoundaryCheck {
         });
         later.start();
         Class<java.util.concurrent.CancellationException> cancelled = java.util.concurrent.CancellationException.class;
-        fails(cancelled, "cancelled", () -> Native.measureBox(handle, frameA, frameB, null, stop));
+        fails(cancelled, "cancelled", () -> Native.measureBox(handle, frameA, frameB, null, null, null, null, stop));
         later.join();
-        fails(cancelled, "cancelled", () -> Native.measureBox(handle, frameA, frameB, null, stop));
+        fails(cancelled, "cancelled", () -> Native.measureBox(handle, frameA, frameB, null, null, null, null, stop));
         Native.closeStop(stop);
-        fails(IllegalStateException.class, "handle " + stop + " is closed", () -> Native.measureBox(handle, frameA, frameB, null, stop));
+        fails(IllegalStateException.class, "handle " + stop + " is closed", () -> Native.measureBox(handle, frameA, frameB, null, null, null, null, stop));
         fails(IllegalStateException.class, "handle " + stop + " is closed", () -> Native.setStop(stop));
         Native.closeCalibration(handle);
     }
@@ -232,7 +232,7 @@ public final class BoundaryCheck {
         long handle = Native.openCalibration(calibration);
         onThreads(() -> {
             for (int call = 0; call < CALLS; call++) {
-                same(true, Arrays.equals(measured, Native.measureBox(handle, frameA.duplicate(), frameB.duplicate(), null, 0)));
+                same(true, Arrays.equals(measured, Native.measureBox(handle, frameA.duplicate(), frameB.duplicate(), null, null, null, null, 0)));
             }
             return null;
         });
@@ -255,7 +255,7 @@ public final class BoundaryCheck {
         List<Integer> finished = onThreads(() -> {
             for (int calls = 0; ; calls++) {
                 try {
-                    same(true, Arrays.equals(measured, Native.measureBox(handle, frameA.duplicate(), frameB.duplicate(), null, 0)));
+                    same(true, Arrays.equals(measured, Native.measureBox(handle, frameA.duplicate(), frameB.duplicate(), null, null, null, null, 0)));
                     oneHasFinished.countDown();
                 } catch (IllegalStateException e) {
                     same("handle " + handle + " is closed", e.getMessage());
