@@ -185,16 +185,20 @@ fn how(summary: &Summary) -> String {
     let mut text = String::new();
     if let Some([first, last]) = summary.seeds {
         text.push_str(&format!(
-            "Seeds {first} to {last}, held-out materials: `--simulate {} --seed {first} --kind {}{} --hazards {}`, photographs: {}.\n",
+            "Seeds {first} to {last}, held-out materials: `--simulate {} --seed {first} --kind {}{}{} --hazards {}`, photographs: {}.\n",
             last - first + 1,
             made.source,
             if two_of_three(made) { " --faces 2" } else { "" },
+            if made.off { " --off" } else { "" },
             made.hazards.as_deref().unwrap_or("all"),
             made.photos.as_deref().unwrap_or("none"),
         ));
     }
     if let Some(serial) = &made.calibration {
         text.push_str(&format!("Calibration of head {serial} in place of the recordings' own.\n"));
+    }
+    if made.off && made.source != "folders" {
+        text.push_str("Each view is there a second time, with the lasers off and the hand a fifteenth of a second farther.\n");
     }
     text + &format!(
         "Method {}, edges {}, network {}, limit {}, boxline {}.\n",
