@@ -6,6 +6,7 @@ mod program;
 use program::{boxline, data, json_of, stderr, stdout, text};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
+use std::process::Output;
 
 fn calibration() -> PathBuf {
     data("calibration_set/calibration.json")
