@@ -34,6 +34,8 @@ const LEAST_SCATTER: f32 = 0.004;
 const MOST_FOR: f32 = 2.0;
 const MOST_AGAINST: f32 = 1.5;
 
+/// A verdict needs odds of 150 to 1 if rows were independent; a stripe's speckle makes neighbours alike (`stripe/trace`): some 10 to 1.
+const TOLD: f64 = 5.0;
 /// What is looked at on both sides of a line, px along the stripe: blur and rounding are over, and neighbouring lines not yet reached; the
 /// running sum counts from `LEAST_PX` on, since single rows may lie on anything.
 const NEAREST_PX: f64 = 6.0;
@@ -42,6 +44,9 @@ const FARTHEST_PX: f64 = 30.0;
 const STEP_PX: f64 = 6.0;
 /// Most that a stripe says: rows beside each other see the same, and a surface that bends away a little is taken for the face's.
 const MOST: f64 = 20.0;
+
+/// A stripe's line, where it crosses another line, and a place farther out.
+type Crossing<'a> = (&'a LitLine, Px, Px);
 
 /// The four stripes' lines over the frame; `None` for one that cannot be followed.
 pub(crate) struct LitLines([Option<LitLine>; 4]);
@@ -53,6 +58,21 @@ impl LitLines {
         Self(LaserId::ALL.map(|id| LitLine::new(frame, calibration, plane, id, stripes.half_width_px)))
     }
 
+    /// Where both stripes that cross a line do so, and a mm farther out; `None` for one that cannot be followed.
+    fn crossings(
+        &self,
+        calibration: &Calibration,
+        raster: &PlaneRaster,
+        side: usize,
+        offset_mm: f64,
+    ) -> [Option<Crossing<'_>>; 2] {
+        let (across, _) = SIDES[side];
+        across.stripes().map(|id| {
+            let at = |offset_mm: f64| crossing_on_px(calibration, raster, across, offset_mm, id);
+            Some((self.0[id.index()].as_ref()?, at(offset_mm)?, at(offset_mm + outward_sign(side))?))
+        })
+    }
+
     /// What the light of both stripes that cross a line says of it.
     pub fn at(
         &self,
@@ -61,11 +81,7 @@ impl LitLines {
         side: usize,
         offset_mm: f64,
     ) -> StripeLight {
-        let (across, _) = SIDES[side];
-        let of_stripe = |id: LaserId| {
-            let at = |offset_mm: f64| crossing_on_px(calibration, raster, across, offset_mm, id);
-            let line = self.0[id.index()].as_ref()?;
-            let (at, beyond) = (at(offset_mm)?, at(offset_mm + outward_sign(side))?);
+        let of_stripe = |(line, at, beyond): Crossing<'_>| {
             // Running sums outwards or inwards, for light or against it.
             let most = |sign: f64, outwards: f64| {
                 let steps = ((FARTHEST_PX - LEAST_PX) / STEP_PX) as u32;
@@ -74,17 +90,13 @@ impl LitLines {
                     to.map(|to| sign * line.between(at, beyond, [NEAREST_PX, to].map(|px| outwards * px)));
                 sums.fold(0.0, f64::max).min(MOST)
             };
-            Some([most(1.0, 1.0), most(-1.0, -1.0)])
+            [most(1.0, 1.0), most(-1.0, -1.0)]
         };
-        let [[p, no_p], [q, no_q]] = across.stripes().map(|id| of_stripe(id).unwrap_or_default());
+        let crossings = self.crossings(calibration, raster, side, offset_mm);
+        let [[p, no_p], [q, no_q]] = crossings.map(|crossing| crossing.map(of_stripe).unwrap_or_default());
         StripeLight { beyond: [p.min(q), p.max(q)], missing: no_p + no_q }
     }
-}
 
-/// Odds of 150 to 1 if rows were independent; a stripe's speckle makes neighbours alike (`stripe/trace`), so it is some 10 to 1.
-const TOLD: f64 = 5.0;
-
-impl LitLines {
     /// The same in a word.
     pub fn verdict(
         &self,
@@ -93,15 +105,12 @@ impl LitLines {
         side: usize,
         offset_mm: f64,
     ) -> SideLight {
-        let (across, _) = SIDES[side];
-        let of_stripe = |id: LaserId| {
-            let at = |offset_mm: f64| crossing_on_px(calibration, raster, across, offset_mm, id);
-            let line = self.0[id.index()].as_ref()?;
-            let (at, beyond) = (at(offset_mm)?, at(offset_mm + outward_sign(side))?);
+        let of_stripe = |(line, at, beyond): Crossing<'_>| {
             let sum = |from: f64, to: f64| line.between(at, beyond, [from, to]);
-            Some([sum(-LEAST_PX, -NEAREST_PX), sum(NEAREST_PX, LEAST_PX)])
+            [sum(-LEAST_PX, -NEAREST_PX), sum(NEAREST_PX, LEAST_PX)]
         };
-        let stripes = across.stripes().map(|id| of_stripe(id).unwrap_or_default());
+        let crossings = self.crossings(calibration, raster, side, offset_mm);
+        let stripes = crossings.map(|crossing| crossing.map(of_stripe).unwrap_or_default());
         if stripes.iter().any(|[inside, _]| *inside < -TOLD) {
             SideLight::Contradicted
         } else if stripes.iter().any(|[_, beyond]| *beyond > TOLD) {
