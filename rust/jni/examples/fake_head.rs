@@ -48,8 +48,8 @@ pub extern "C" fn Java_dev_boxline_testing_FakeHead_plug(
         // A sensor's pace; the bus inside this process has none.
         std::thread::sleep(Duration::from_millis(30));
         let view = usize::try_from(VIEW.load(Ordering::SeqCst)).ok();
-        let view = view.filter(|_| shot.lasers == Lasers::ALL);
-        Some(view.map_or(&dark[0], |view| &lit[view % lit.len()]).clone())
+        let frames = if shot.lasers == Lasers::ALL { &lit } else { &dark };
+        Some(view.map_or(&dark[0], |view| &frames[view % frames.len()]).clone())
     };
     let serial =
         if how & OTHER_SERIAL != 0 { "OTHER-0001".to_owned() } else { calibration.serial().to_owned() };
@@ -64,7 +64,7 @@ pub extern "C" fn Java_dev_boxline_testing_FakeHead_plug(
     fd
 }
 
-/// `static native void show(int view)`: which lit frame it sees from now on.
+/// `static native void show(int view)`: which view it sees from now on.
 #[unsafe(no_mangle)]
 pub extern "C" fn Java_dev_boxline_testing_FakeHead_show(_: *mut c_void, _: *mut c_void, view: c_int) {
     VIEW.store(view, Ordering::SeqCst);

@@ -45,8 +45,8 @@ const FEWEST: usize = 4;
 /// Most that the middle one of the blocks may be shifted, px of the frame: half a narrow stripe's width (8 px). A print's edge that is doubled
 /// by less is narrower than a stripe, and of its own colour on both sides.
 const MOST_SHIFT_PX: f64 = 4.0;
-/// Most of the picture's variance that may be left: the same view leaves up to 0.02 (84 rendered ones), the other face of a box 0.6.
-const MOST_LEFT: f64 = 0.2;
+/// Most of the picture's variance that may be left: the same view leaves up to 0.02 (84 rendered ones), the other face of b02 0.2 or 0.6.
+const MOST_LEFT: f64 = 0.1;
 
 /// How the unlit picture lies on the lit one.
 #[derive(Clone, Debug)]

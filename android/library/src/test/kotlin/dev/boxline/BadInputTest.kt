@@ -43,7 +43,7 @@ class BadInputTest {
         val nothing: Any? = null
         @Suppress("UNCHECKED_CAST")
         val asJava = Native::class.java.methods.first { it.name == "measureBox" }
-        val thrown = assertThrows(java.lang.reflect.InvocationTargetException::class.java) { asJava.invoke(null, 1L, nothing, nothing, nothing, 0L) }
+        val thrown = assertThrows(java.lang.reflect.InvocationTargetException::class.java) { asJava.invoke(null, 1L, nothing, nothing, nothing, nothing, nothing, nothing, 0L) }
         assertTrue("${thrown.cause}", thrown.cause is NullPointerException || thrown.cause is IllegalStateException)
         assertTrue(runBlocking { meter.measureBox(a, b) } is MeasureResult.Measured)
     }
