@@ -185,9 +185,10 @@ fn states<'a>(seen: Option<&'a Seen>) -> Vec<State<'a>> {
 }
 
 /// How well frames in these states agree if they show the sides of the box in this arrangement: a density, 1/mm for each time that a side
-/// is seen again.
+/// is seen again, times how likely sides are that differ so much, or so little.
 fn agreement(states: &[State<'_>], arrangement: &[cuboid::SidesOfFace]) -> f64 {
     let mut density = 1.0;
+    let mut known_sides = Vec::with_capacity(3);
     for side in 0..3 {
         let mut first = None;
         let mut unknown = 0;
@@ -202,6 +203,10 @@ fn agreement(states: &[State<'_>], arrangement: &[cuboid::SidesOfFace]) -> f64 {
         }
         let told_by_none = i32::from(first.is_none());
         density /= UNKNOWN_MM.powi((unknown - told_by_none).max(0));
+        for other in &known_sides {
+            density *= first.map_or(1.0, |side| cuboid::as_different_sides(*other, side));
+        }
+        known_sides.extend(first);
     }
     density
 }
@@ -298,6 +303,22 @@ mod tests {
 
     fn seen(outlines: Vec<Tried>) -> Seen {
         Seen { alternatives: weighed(outlines, |_| 1.0), unsure: None, overlap: 0.0 }
+    }
+
+    /// Two frames show both long faces of a box with a square end. In one of them a line inside the face is likelier than the side: then the box
+    /// would have three different sides, one of them as long as in neither face.
+    #[test]
+    fn a_face_like_the_other_one_is_likelier_than_one_that_only_shares_a_side() {
+        let sure = seen(vec![tried([0, 0], [0.99, 1.0], 168.7, 100.2)]);
+        let unsure =
+            seen(vec![tried([0, 0], [0.98, 1.0], 150.7, 100.4), tried([1, 0], [0.02, 1.0], 168.5, 100.4)]);
+        let told = likeliest_boxes(
+            &[Some(&sure), Some(&unsure)],
+            |faces| faces[1].map(|face| face.length.value_mm),
+            |a, b| a == b,
+        );
+        let of = |length_mm: f64| told.iter().find(|t| t.agreed == length_mm).map_or(0.0, |t| t.probability);
+        assert!(of(150.7) < 0.9 && of(168.5) > 0.08, "{} {}", of(150.7), of(168.5));
     }
 
     #[test]
