@@ -93,7 +93,7 @@ fn measures_a_recording() {
 
 #[test]
 fn frames_and_folder_give_the_same_numbers() {
-    let folder = json_of(&boxline(&["measure", text(&data("b02")), "--json"]));
+    let folder = json_of(&boxline(&["measure", text(&data("b02")), "--ignore-off", "--json"]));
     let [a, b] = ["b02/a.jpg", "b02/b.jpg"].map(data);
     let frames =
         json_of(&boxline(&["measure", text(&a), text(&b), "--calibration", text(&calibration()), "--json"]));
