@@ -61,21 +61,22 @@ pub fn read_frame(path: &Path) -> Result<Frame, Error> {
 }
 
 /// Reads a frame of a recording, together with the same view with the lasers off if the recording has it (`a_off` of `a`) and it is wanted.
-/// One that cannot be laid over the frame is named and left out: nothing is lost without it.
+/// One that cannot be read or laid over the frame is named and left out: nothing is lost without it.
 pub fn read_recorded(recording: &Recording, frame: &RecordedFrame, with_off: bool) -> Result<Frame, Error> {
     let mut lit = read_frame(&frame.file)?;
     if let Some(off) = recording.twin_of(frame).filter(|_| with_off) {
-        add_off(&mut lit, &off.file)?;
+        add_off(&mut lit, &off.file);
     }
     Ok(lit)
 }
 
-/// Adds the same view with the lasers off to a frame; one that cannot be laid over it is named and left out.
-pub fn add_off(lit: &mut Frame, path: &Path) -> Result<(), Error> {
-    if let Err(e) = lit.add_ambient(&read_frame(path)?) {
-        say(&format!("warning: {}: not used: {e}", path.display()));
+/// Adds the same view with the lasers off to a frame; one that cannot be read or laid over it is named and left out.
+pub fn add_off(lit: &mut Frame, path: &Path) {
+    let added =
+        read_frame(path).and_then(|off| lit.add_ambient(&off).map_err(|e| e.in_context(path.display())));
+    if let Err(e) = added {
+        say(&format!("warning: {e}; it is not used"));
     }
-    Ok(())
 }
 
 /// The frames of a recording that make a measurement: `a`, `b` and, if there is one, `c`; or else the only two faces with the

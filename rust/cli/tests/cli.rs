@@ -181,7 +181,14 @@ fn views_with_the_lasers_off_are_used_and_one_that_does_not_fit_is_named_and_lef
     assert_eq!(length(&without), length(&boxline(&["measure", text(&folder), "--ignore-off", "--json"])));
     assert!((length(&with_off) - length(&without)).abs() < 0.5);
     let wrong = of_frames(&[&b_off, &b_off]);
-    assert!(stderr(&wrong).contains("b_off.jpg: not used"), "{}", stderr(&wrong));
+    assert!(
+        stderr(&wrong).contains("another view") && stderr(&wrong).contains("not used"),
+        "{}",
+        stderr(&wrong)
+    );
+    let missing = of_frames(&[&data("b02/none.jpg"), &b_off]);
+    assert_eq!(missing.status.code(), Some(0), "{}", stderr(&missing));
+    assert!(stderr(&missing).contains("none.jpg"), "{}", stderr(&missing));
     for off in [&[&*a_off][..], &[&*a_off, &*b_off, &*b_off]] {
         let output = of_frames(off);
         assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));

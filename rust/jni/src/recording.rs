@@ -19,7 +19,8 @@ pub(crate) fn read_pair(folder: &Path) -> Result<(Calibration, [Captured; 2]), F
     };
     let mut pair = Vec::new();
     for frame in lit.take(2) {
-        let off = recording.twin_of(frame).map(read).transpose()?;
+        let left_out = |e: &Error| log::warn!("not used: {e}");
+        let off = recording.twin_of(frame).and_then(|off| read(off).inspect_err(left_out).ok());
         pair.push(Captured { jpeg: read(frame)?, off, serial: recording.serial.clone() });
     }
     let pair: Result<[Captured; 2], _> = pair.try_into();

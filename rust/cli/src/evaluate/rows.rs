@@ -55,7 +55,8 @@ pub struct Made {
     pub photos: Option<String>,
     /// Serial number of the head whose calibration replaced the recordings' own.
     pub calibration: Option<String>,
-    /// Whether views with the lasers off are used where there are any.
+    /// Whether views with the lasers off are used where there are any; not in files of older programs.
+    #[serde(default)]
     pub off: bool,
     pub method: String,
     pub edges: String,
