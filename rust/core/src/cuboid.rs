@@ -197,7 +197,16 @@ impl Lengths {
     }
 }
 
-/// A way to put the faces together.
+/// A way to put the faces together: which side each length is, which lengths it takes for one side, how much the worst of these differ, in
+/// units of what is allowed, and how likely it is against the others.
+struct Way {
+    excess: f64,
+    weight: f64,
+    sides: Vec<usize>,
+    shared: Vec<Shared>,
+}
+
+/// A box that a way makes.
 struct Fit {
     measurement: BoxMeasurement,
     warnings: Vec<Warning>,
@@ -208,8 +217,7 @@ pub(crate) fn assemble(faces: &[&FaceMeasurement], choose: Option<usize>) -> (Ou
     let lengths = Lengths::new(faces);
     let mut nearest: Option<Shared> = None;
     for all_differ in [true, false] {
-        let mut ways: Vec<(f64, Vec<usize>, Vec<Shared>)> = Vec::new();
-        let mut total = 0.0;
+        let mut ways: Vec<Way> = Vec::new();
         for arrangement in arrangements(faces.len(), all_differ) {
             let sides = arrangement.concat();
             let shared = lengths.shared(&sides);
@@ -220,18 +228,16 @@ pub(crate) fn assemble(faces: &[&FaceMeasurement], choose: Option<usize>) -> (Ou
                 nearest = Some(worst);
             }
             let weight = lengths.weight(&sides, &shared);
-            total += weight;
-            ways.push((worst.excess(), sides, shared));
+            ways.push(Way { excess: worst.excess(), weight, sides, shared });
         }
-        if ways.iter().all(|(excess, ..)| *excess > 1.0) {
+        if ways.iter().all(|way| way.excess > 1.0) {
             continue; // lengths that agree nowhere make no box
         }
-        ways.retain(|(excess, sides, shared)| {
-            *excess <= 1.0 || lengths.weight(sides, shared) >= LEAST_SHARE * total
-        });
-        ways.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let least = LEAST_SHARE * ways.iter().map(|way| way.weight).sum::<f64>();
+        ways.retain(|way| way.excess <= 1.0 || way.weight >= least);
+        ways.sort_by(|a, b| a.excess.total_cmp(&b.excess));
         let mut possible: Vec<Fit> = Vec::with_capacity(2);
-        for (_, sides, shared) in &ways {
+        for Way { sides, shared, .. } in &ways {
             let measurement = lengths.measurement(sides);
             // Two ways that give the same box (a cube's) are one.
             if possible.iter().all(|p| !same_box(&p.measurement, &measurement)) {
