@@ -65,15 +65,14 @@ pub fn read_frame(path: &Path) -> Result<Frame, Error> {
 pub fn read_recorded(recording: &Recording, frame: &RecordedFrame, with_off: bool) -> Result<Frame, Error> {
     let mut lit = read_frame(&frame.file)?;
     if let Some(off) = recording.twin_of(frame).filter(|_| with_off) {
-        add_off(&mut lit, &off.file);
+        add_off(&mut lit, &off.file, read_frame(&off.file));
     }
     Ok(lit)
 }
 
-/// Adds the same view with the lasers off to a frame; one that cannot be read or laid over it is named and left out.
-pub fn add_off(lit: &mut Frame, path: &Path) {
-    let added =
-        read_frame(path).and_then(|off| lit.add_ambient(&off).map_err(|e| e.in_context(path.display())));
+/// Adds the same view with the lasers off to a frame; one that could not be read, or cannot be laid over it, is named and left out.
+pub fn add_off(lit: &mut Frame, path: &Path, off: Result<Frame, Error>) {
+    let added = off.and_then(|off| lit.add_ambient(&off).map_err(|e| e.in_context(path.display())));
     if let Err(e) = added {
         say(&format!("warning: {e}; it is not used"));
     }

@@ -50,7 +50,7 @@ pub fn measure(args: &MeasureArgs) -> anyhow::Result<Finished> {
     }
     let read = |source: &Source| {
         let mut frame = read_frame(&source.file)?;
-        source.off.iter().for_each(|off| add_off(&mut frame, off));
+        source.off.iter().for_each(|off| add_off(&mut frame, off, read_frame(off)));
         Ok(frame)
     };
     let frames: Vec<Frame> = sources.par_iter().map(read).collect::<Result<_, boxline::Error>>()?;

@@ -2,7 +2,7 @@
 //! folder for the same kind, seed, photographs and hazards.
 
 use super::recorded::Recorded;
-use crate::say::say;
+use crate::input::add_off;
 use boxline::{Calibration, Error, ErrorKind, Frame};
 use boxline_proto::json::{RecordedFrame, parse_calibration, parse_recording, parse_truth};
 use boxline_sim::Stock;
@@ -36,10 +36,8 @@ pub fn recorded(
     };
     let frame = |lit: &RecordedFrame| {
         let mut frame = decoded(lit)?;
-        if let Some(off) = recording.twin_of(lit)
-            && let Err(e) = frame.add_ambient(&decoded(off)?)
-        {
-            say(&format!("warning: {}: not used: {e}", off.file.display()));
+        if let Some(off) = recording.twin_of(lit) {
+            add_off(&mut frame, &off.file, decoded(off));
         }
         Ok(frame)
     };
