@@ -3,7 +3,7 @@
  *     cc -O2 tests/turbo/decode.c -o decode -ljpeg && ./decode tests/data/b02 [loops]
  *
  * On Debian libjpeg is libjpeg-turbo with its SIMD code (libjpeg62-turbo-dev); one thread. The memory of the pictures is taken and
- * given back each time, as a measurement does. `cargo run --release -p boxline --example pair_time` is the other side: run them in
+ * given back each time, as a measurement does. `cargo run --release -p boxline-edgenet --example pair_time` is the other side: run them in
  * turn. */
 #include <stdio.h>
 #include <stdlib.h>

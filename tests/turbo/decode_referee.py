@@ -5,7 +5,7 @@ is without Pillow's memory and copies, which take most of the time.
     python tests/turbo/decode_referee.py tests/data/b02 [loops]
 
 Pillow's wheels carry libjpeg-turbo with its SIMD code. Both files are read first; timed is the way from bytes in memory to RGB
-pixels, on one thread. `cargo run --release -p boxline --example pair_time -- tests/data/b02` is the other side: run them in
+pixels, on one thread. `cargo run --release -p boxline-edgenet --example pair_time -- tests/data/b02 15 gradient` is the other side: run them in
 turn, the machine's mood changes both alike.
 """
 import io, pathlib, statistics, sys, time
