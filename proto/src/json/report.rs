@@ -37,7 +37,8 @@ use serde_json::{Map, Value, json};
 /// faces told an A x A x B box from A x B x B. `confidence` is the probability that the result is right, `null` without a network;
 /// `likeliest` the likeliest boxes of a refused one; `third_face_helps` that two frames leave open what a third may settle. The plane's unit normal points away from the camera (frame: camera). `surface_mm`
 /// is how far the surface lies from the plane, towards the camera, at a position from the face's middle. The hint is `null` if the view
-/// was not refused or moving does not help. `light` is what the stripes' light says of each side ([`boxline::SideLight`]). `enclosing_mm` is the smallest rectangle of the face's direction, or box of the box's, that
+/// was not refused or moving does not help. `light` is what the stripes' light says of each side ([`boxline::SideLight`]).
+/// `enclosing_mm` is the smallest rectangle of the face's direction, or box of the box's, that
 /// encloses it, edges that bow (`sagitta`, positive outwards) and wave included.
 #[must_use]
 pub fn report_json(report: &BoxReport, hints: &[Option<Hint>], frame_ids: &[&str]) -> Value {
