@@ -3,9 +3,10 @@
 //! Without a JDK it is skipped, and says so.
 #![allow(clippy::unwrap_used)] // the helpers of tests are tests
 
-use boxline::{Frame, Settings, StageTimes, measure_box_with_hints};
+use boxline::{Frame, StageTimes, measure_box_with_hints};
 use boxline_proto::json::{read_calibration, read_recording, report_json};
 use boxline_proto::message::{decode_report, encode_report};
+use boxline_tests::shipped;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -64,8 +65,7 @@ fn a_jvm_gets_the_same_bytes_and_typed_failures() {
     let calibration = read_calibration(&recording.calibration_file).unwrap();
     let (a, b) = (frame("a"), frame("b"));
     let (report, hints) =
-        measure_box_with_hints(&[&a, &b], &calibration, &Settings::default(), &mut StageTimes::new())
-            .unwrap();
+        measure_box_with_hints(&[&a, &b], &calibration, &shipped(), &mut StageTimes::new()).unwrap();
     let by_jvm = std::fs::read(&measured).unwrap();
     assert_eq!(by_jvm, encode_report(&report, &hints, &["a", "b"]), "the bytes differ");
     // The same numbers as `boxline measure --json` prints, digit by digit.
@@ -96,8 +96,6 @@ fn build_library(root: &Path, target: &Path) -> PathBuf {
             "boxline-jni",
             "--features",
             "testing",
-            // The boundary is the same without; .ci/android runs it with the network.
-            "--no-default-features",
             "--profile",
             profile,
             "--target-dir",

@@ -6,9 +6,21 @@ mod expected;
 
 pub use expected::{check_expected, face_summary, report_summary};
 
-use boxline::{Calibration, Frame, Workers};
+use boxline::{Calibration, Frame, Network, Settings, Workers};
+use boxline_edgenet::{EdgeNet, Options};
 use boxline_proto::json::{Recording, Truth, read_calibration, read_recording, read_truth};
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+
+/// The settings that ship: with the network.
+#[must_use]
+pub fn shipped() -> Settings<'static> {
+    static NETWORK: OnceLock<EdgeNet> = OnceLock::new();
+    let network = NETWORK.get_or_init(|| {
+        EdgeNet::embedded(&Options::default()).unwrap_or_else(|e| panic!("the network that ships: {e}"))
+    });
+    Settings { network: Some(network as &dyn Network), ..Settings::default() }
+}
 
 /// A recording of `tests/data` with what belongs to it.
 #[derive(Debug)]

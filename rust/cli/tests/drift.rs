@@ -42,7 +42,7 @@ fn turned(folder: &TempDir, angle_rad: f64) -> PathBuf {
 
 fn drift(calibration: Option<&PathBuf>, more: &[&str]) -> std::process::Output {
     let folders = BOXES.map(data);
-    let mut arguments = vec!["drift", "--edges", "gradient"];
+    let mut arguments = vec!["drift"];
     arguments.extend(folders.iter().map(|f| text(f)));
     if let Some(path) = calibration {
         arguments.extend(["--calibration", text(path)]);
@@ -84,7 +84,7 @@ fn a_known_length_must_be_a_side_of_the_first_box() {
 
 #[test]
 fn one_box_is_too_little() {
-    let output = boxline(&["drift", "--edges", "gradient", text(&data("b02"))]);
+    let output = boxline(&["drift", text(&data("b02"))]);
     assert_eq!(output.status.code(), Some(2));
     assert!(stderr(&output).contains("2 measured faces, 3 are needed"), "{}", stderr(&output));
 }
@@ -121,8 +121,7 @@ fn a_cut_face_comes_with_a_way_to_move() {
     let calibration = folder.join(recording["calibration"].as_str().unwrap());
     let face = |id: &str, json: bool| {
         let frame = folder.join(format!("{id}.jpg"));
-        let mut arguments =
-            vec!["face", text(&frame), "--calibration", text(&calibration), "--edges", "gradient"];
+        let mut arguments = vec!["face", text(&frame), "--calibration", text(&calibration)];
         if json {
             arguments.push("--json");
         }

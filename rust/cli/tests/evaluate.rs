@@ -105,7 +105,7 @@ fn a_wrong_box_is_drawn_and_a_broken_one_does_not_stop_the_others() {
     std::fs::write(broken.join("truth.json"), "{}").unwrap();
     let parent = text(folder.path());
 
-    let table = boxline(&["evaluate", parent, "--edges", "gradient"]);
+    let table = boxline(&["evaluate", parent]);
     assert_eq!(table.status.code(), Some(2));
     assert!(
         stderr(&table).contains("/broken: ") && stderr(&table).contains("format: missing"),
@@ -120,7 +120,7 @@ fn a_wrong_box_is_drawn_and_a_broken_one_does_not_stop_the_others() {
     assert!(stdout(&table).contains("/broken: not evaluated: "), "{}", stdout(&table));
 
     let overlays = folder.path().join("overlays");
-    let arguments = ["evaluate", parent, "--edges", "gradient", "--overlays", text(&overlays), "--json"];
+    let arguments = ["evaluate", parent, "--overlays", text(&overlays), "--json"];
     let scored = boxline(&arguments);
     assert_eq!(scored.status.code(), Some(2));
     let object = json_of(&scored);

@@ -138,8 +138,7 @@ fn simulated_boxes_are_judged_without_a_folder() {
     let (in_memory, from_folder) = (folder.path().join("memory.csv"), folder.path().join("folder.csv"));
     let made = ["--seed", "3", "--hazards", "film,edge_print"];
     let scored = |sources: &[&str], rows: &Path| {
-        let arguments =
-            [&["evaluate", "--edges", "gradient", "--json", "--csv", text(rows)], sources].concat();
+        let arguments = [&["evaluate", "--json", "--csv", text(rows)], sources].concat();
         let run = boxline(&arguments);
         assert_eq!(run.status.code(), Some(0), "{}", String::from_utf8_lossy(&run.stderr));
         let found: Value = serde_json::from_slice(&run.stdout).unwrap();

@@ -52,11 +52,6 @@ impl Seen {
             (None, None) => Err(Reject::RectangleOpen { sides_found: 0 }),
         }
     }
-
-    /// All that could be measured.
-    pub fn measured(&self) -> impl Iterator<Item = &FaceMeasurement> {
-        self.alternatives.iter().filter_map(|a| a.face.as_deref().ok())
-    }
 }
 
 /// Two measurements of a frame found the same edges if their corners are nearer than this, px: edges scatter by 1 to 2 px.

@@ -1,8 +1,16 @@
 //! Doors for programs that compare ways of doing one step against truth (`examples/`). No part of the product's interface.
 
 use crate::calibration::Calibration;
+use crate::face::end_outline::end_outline;
+use crate::face::extent::{Sight, follow_stripes, inner_segments};
+use crate::face::outline::{SIDES, outward_sign, span_mm};
 use crate::frames::{Cam, Plane};
 use crate::image::Frame;
+use crate::image::bands::band_maps;
+use crate::network::StripeLight;
+use crate::rectangle::line_evidence::Evidence as LineEvidence;
+use crate::scene::lit::LitLines;
+use crate::stripe::grid_search::{self, Evidence};
 pub use crate::stripe::peak::Estimator;
 use crate::stripe::tint::Tint;
 use crate::stripe::trace::{StripeLine, TraceSettings, Walk, measure_half_width_px, trace};
@@ -59,4 +67,68 @@ pub fn stripe_residuals(
         .into_iter()
         .map(|point| point.found.map(|f| Centre { residual_px: f.residual_px, amplitude: f.amplitude }))
         .collect()
+}
+
+/// A line of the picture that may be a side of the face, and what is said of it without a network.
+#[derive(Clone, Copy, Debug)]
+pub struct SideLine {
+    /// 0 to 3, the two that stripes 1 and 2 cross first.
+    pub side: usize,
+    /// The middle of the side on this line, and a unit vector that points out of the face.
+    pub middle: Px,
+    /// See `middle`.
+    pub outwards: [f64; 2],
+    /// Size of a pixel on the face, mm.
+    pub mm_per_px: f64,
+    /// What is looked at, in the order of the weights in `rectangle/line_evidence`.
+    pub clues: [f64; 11],
+    /// What the stripes' light says of it.
+    pub light: StripeLight,
+}
+
+/// The lines that may be the sides of the face on the strongest plane, without a network; none if no face is found.
+#[must_use]
+pub fn side_lines(frame: &Frame, calibration: &Calibration) -> Vec<SideLine> {
+    let found = || {
+        let ridges = band_maps(frame, grid_search::diagonals(calibration));
+        let evidence = LaserId::ALL.map(|id| Evidence::ridge(&ridges[id.index() / 2]));
+        let planes = grid_search::find_planes(calibration, &evidence, grid_search::IN_RIDGES, 1);
+        let inner = inner_segments(frame, calibration, &planes.first()?.plane, Sight::Clear)?;
+        let wide = follow_stripes(frame, calibration, &inner, None)?;
+        let outline = end_outline(frame, calibration, &wide).ok()?;
+        let raster = outline.raster.on(&wide.fit.plane);
+        let lit = LitLines::of(frame, calibration, &wide);
+        let evidence = LineEvidence {
+            frame,
+            calibration,
+            raster: &raster,
+            outline: &outline,
+            asked: None,
+            wide: &wide,
+            seen: None,
+            lit: &lit,
+        };
+        let mut told = Vec::new();
+        for (side, lines) in evidence.settled()?.iter().enumerate() {
+            let (from, to) = span_mm(&outline.offsets_mm, side);
+            for line in lines {
+                let at = |out_mm: f64| {
+                    let offset = line.offset_mm + outward_sign(side) * out_mm;
+                    raster.pixel(calibration, SIDES[side].0.at(offset, 0.5 * (from + to)))
+                };
+                let (middle, outside) = (at(0.0)?, at(outline.mm_per_px)?);
+                let length_px = middle.distance_px(outside).max(f64::MIN_POSITIVE);
+                told.push(SideLine {
+                    side,
+                    middle,
+                    outwards: [(outside.u - middle.u) / length_px, (outside.v - middle.v) / length_px],
+                    mm_per_px: outline.mm_per_px,
+                    clues: line.clues.values(),
+                    light: line.stripes_light,
+                });
+            }
+        }
+        Some(told)
+    };
+    found().unwrap_or_default()
 }

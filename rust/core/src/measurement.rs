@@ -26,7 +26,8 @@ pub enum EdgeMethod {
     /// say where exactly (the default).
     #[default]
     Net,
-    /// Gradients alone: along the normals of edge lines that the stripes' ends predict, sub-pixel.
+    /// The same without a network: the stripes' ends and light and the picture's edges tell which lines are the face's, so few results are as
+    /// likely right as [`Settings::least_confidence`] asks by default.
     Gradient,
     /// The paper's chain: edge map ([`Settings::edge_map`], that of [`Settings::network`], or the picture's gradient), Hough transform
     /// (eq. 20), clustering, line fits.
@@ -164,9 +165,9 @@ pub struct FaceMeasurement {
     pub straightness: [Straightness; 4],
     /// Length and width of the smallest rectangle of this direction that encloses the face: what a tunnel on a belt reads.
     pub enclosing: [Estimate; 2],
-    /// What the stripes' light says of each side, in the same order; `None` without a network, or in a decoded message of an older program.
+    /// What the stripes' light says of each side, in the same order; `None` by the paper's way, or in a decoded message of an older program.
     pub light: Option<[SideLight; 4]>,
-    /// Probability that both sides are within 5 mm ([`crate::confidence`]), as this frame alone tells; `None` without a network.
+    /// Probability that both sides are within 5 mm ([`crate::confidence`]), as this frame alone tells; `None` by the paper's way.
     pub confidence: Option<f64>,
 }
 
@@ -261,7 +262,7 @@ pub struct BoxReport {
     pub warnings: Vec<Warning>,
     /// What told an A x A x B box from A x B x B, if that was needed and seen.
     pub settled: Option<DepthSeen>,
-    /// Probability that every side of a measured or ambiguous box is within 5 mm ([`crate::confidence`]). `None` without a network.
+    /// Probability that every side of a measured or ambiguous box is within 5 mm ([`crate::confidence`]). `None` by the paper's way.
     pub confidence: Option<f64>,
     /// Of a refused box the two likeliest, fewer if the faces that the frames may show make fewer. None is likely enough to be a result.
     /// An A x A x B box that no stripe settles stands there as both that it may be, each with half of the probability.

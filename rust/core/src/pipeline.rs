@@ -7,13 +7,14 @@ use crate::confidence;
 use crate::cuboid;
 use crate::edges::{EdgeDetector, hough::HoughDetector, subpixel::GradientDetector};
 use crate::error::{Error, ErrorKind};
+use crate::face::end_outline::{cut_by_border, end_outline, ends_seen, limits};
 use crate::face::extent::{FaceStripes, InnerSegments, Sight, follow_stripes, inner_segments};
 use crate::face::map_outline::{MapOutline, map_outline, mask_at_border};
 use crate::face::outline::{RoughRectangle, SIDES};
 use crate::face::raster::PlaneRaster;
 use crate::face_lines::view::FacePose;
 use crate::feasibility::{self, Hint};
-use crate::frames::{Cam, Plane, Point};
+use crate::frames::Point;
 use crate::image::Frame;
 use crate::image::bands::band_maps;
 use crate::image::redness::{Diagonal, RidgeMap, faint_ridge_map, half_redness};
@@ -22,10 +23,10 @@ use crate::measurement::{
     Outcome, Settings, SideLight, StageTimes,
 };
 use crate::network::{Asked, Channel, EdgeMap, EdgeMapNetwork, FaceMaps, Network};
+use crate::rectangle;
 use crate::rectangle::hough_outline::hough_outline;
-use crate::rectangle::hypothesize::{Which, cut_by_border, ends_seen, hypothesize, limits, snap_to_image};
 use crate::rectangle::rivals::{Pair, Rival, rivals};
-use crate::rectangle::{self, Attempt, Measured};
+use crate::rectangle::snap::snap_to_image;
 use crate::reject::Reject;
 use crate::scene::hidden::HiddenSides;
 use crate::scene::lit::LitLines;
@@ -143,14 +144,7 @@ fn see_face(
     let edge_map = paper_network(settings).map(|network| network.edge_map(frame)).transpose()?;
     clock.lap("network");
     check_wanted(settings)?;
-    let task = Task {
-        frame,
-        calibration,
-        settings,
-        asked: asked.as_ref(),
-        edge_map: edge_map.as_ref(),
-        which: Which::Best,
-    };
+    let task = Task { frame, calibration, settings, asked: asked.as_ref(), edge_map: edge_map.as_ref() };
     let seen = face_stages(&task, &mut clock);
     check_wanted(settings)?; // what was cut short is no result
     asked.map_or(Ok(()), Asked::finish)?;
@@ -189,11 +183,6 @@ fn paper_network<'a>(settings: &Settings<'a>) -> Option<&'a dyn EdgeMapNetwork> 
     settings.edge_map.filter(|_| settings.edges == EdgeMethod::Hough)
 }
 
-/// Whether a network of either kind is asked.
-fn asks_network(settings: &Settings) -> bool {
-    asked_network(settings).is_some() || paper_network(settings).is_some()
-}
-
 /// What every stage gets.
 #[derive(Clone, Copy)]
 struct Task<'a> {
@@ -203,7 +192,6 @@ struct Task<'a> {
     asked: Option<&'a Asked<'a>>,
     /// The paper's map.
     edge_map: Option<&'a EdgeMap>,
-    which: Which,
 }
 
 fn face_stages(task: &Task, clock: &mut Clock<'_>) -> Result<Seen, Reject> {
@@ -282,41 +270,16 @@ fn measure_on_plane(
     sight: Sight,
     clock: &mut Clock<'_>,
 ) -> Result<Seen, Reject> {
-    let Task { frame, calibration, asked, which, .. } = *task;
+    let Task { frame, calibration, .. } = *task;
     let inner = inner_segments(frame, calibration, &hypothesis.plane, sight);
     clock.lap("stripes");
     let inner = inner.ok_or_else(|| no_box(0.0))?;
     let wide = follow_stripes(frame, calibration, &inner, None);
     clock.lap("stripes");
-    if let Some(asked) = asked {
-        return measure_seen_outline(task, &inner, wide.as_ref(), asked, clock);
+    match task.edge_map {
+        Some(map) => measure_in_edge_map(task, &inner, &wide.ok_or_else(|| no_box(0.0))?, map, clock),
+        None => measure_outlines(task, &inner, wide.as_ref(), clock),
     }
-    let face = wide.ok_or_else(|| no_box(0.0))?;
-    if let Some(map) = task.edge_map {
-        return measure_in_edge_map(task, &inner, &face, map, clock);
-    }
-    check_stripes(&face, false)?;
-    let roughs = hypothesize(frame, calibration, &face, which);
-    clock.lap("sides");
-    let lit = LitLines::of(frame, calibration, &face);
-    clock.lap("sides");
-    let mut alternatives = Vec::new();
-    for (index, rough) in roughs?.iter().enumerate() {
-        if index == 0 {
-            clock.see(&rough.raster, &rough.offsets_mm);
-        }
-        match measure_rough(task, &face, rough, clock) {
-            Ok(mut measured) => {
-                measured.light =
-                    Some(light_at_sides(calibration, &rough.raster, &rough.offsets_mm, &lit, &measured));
-                alternatives.push(Alternative::only(measured));
-            }
-            // An alternative that fails is none.
-            Err(reject) if index == 0 => return Err(reject),
-            Err(_) => {}
-        }
-    }
-    Ok(Seen { alternatives, unsure: None, overlap: 0.0 })
 }
 
 /// Measures the face whose sides the paper's map shows.
@@ -344,22 +307,16 @@ fn measure_in_edge_map(
 }
 
 /// Measures the face along the outlines that it may have.
-fn measure_seen_outline(
+fn measure_outlines(
     task: &Task,
     inner: &InnerSegments,
     wide: Option<&FaceStripes>,
-    asked: &Asked<'_>,
     clock: &mut Clock<'_>,
 ) -> Result<Seen, Reject> {
-    let Task { frame, calibration, .. } = *task;
-    let maps = &asked.maps;
-    let outline = seen_outline(calibration, &inner.plane, maps, task.settings);
-    clock.lap("outline");
-    // Why: a face that leaves the image has no outline.
-    let outline =
-        outline.map_err(|unsure| wide.and_then(|face| cut_by_border(frame, face)).unwrap_or(unsure))?;
+    let Task { frame, calibration, asked, .. } = *task;
+    let (outline, overlap) = first_outline(task, inner, wide, clock)?;
     let wide = wide.ok_or_else(|| no_box(0.0))?;
-    let seen = seen_in_plane(calibration, wide, &outline, asked);
+    let seen = asked.and_then(|asked| seen_in_plane(calibration, wide, &outline, asked));
     clock.lap("sides");
     let lit = LitLines::of(frame, calibration, wide);
     let rivals =
@@ -394,10 +351,35 @@ fn measure_seen_outline(
         return Err(reject.clone());
     }
     let likeliest = alternatives.first().and_then(|a| a.face.as_ref().ok()?.confidence).unwrap_or(0.0);
-    let overlap = f64::from(outline.overlap);
-    let unsure = (likeliest < task.settings.least_confidence)
-        .then(|| unclear(maps, likeliest, task.settings, overlap));
+    let unsure = (likeliest < task.settings.least_confidence).then(|| unclear(task, likeliest, overlap));
     Ok(Seen { alternatives, unsure, overlap })
+}
+
+/// The first outline, to some px: in the network's maps, or where the stripes end; and its overlap with the network's mask.
+fn first_outline(
+    task: &Task,
+    inner: &InnerSegments,
+    wide: Option<&FaceStripes>,
+    clock: &mut Clock<'_>,
+) -> Result<(RoughRectangle, f64), Reject> {
+    let Task { frame, calibration, asked, .. } = *task;
+    let Some(Asked { maps, .. }) = asked else {
+        let wide = wide.ok_or_else(|| no_box(0.0))?;
+        check_stripes(wide, false)?;
+        let outline = end_outline(frame, calibration, wide);
+        clock.lap("outline");
+        return Ok((outline?, 0.0));
+    };
+    let outline = map_outline(calibration, &inner.plane, maps);
+    clock.lap("outline");
+    let overlap = outline.as_ref().map_or(0.0, |outline| outline.overlap);
+    match outline.filter(|_| overlap >= LEAST_OVERLAP) {
+        Some(MapOutline { rough, overlap }) => Ok((rough, f64::from(overlap))),
+        // Why: a face that leaves the image has no outline.
+        None => Err(wide
+            .and_then(|face| cut_by_border(frame, face))
+            .unwrap_or_else(|| unclear(task, 0.0, f64::from(overlap)))),
+    }
 }
 
 /// What the stripes' light says of each side, going round as the corners do.
@@ -423,7 +405,7 @@ fn light_at_sides(
 fn seen_in_plane(
     calibration: &Calibration,
     wide: &FaceStripes,
-    outline: &MapOutline,
+    outline: &RoughRectangle,
     asked: &Asked<'_>,
 ) -> Option<(ViewAxes, SideOdds)> {
     let axes = ViewAxes::of(calibration, outline.raster.on(&wide.fit.plane))?;
@@ -435,7 +417,7 @@ fn seen_in_plane(
 fn measure_outline(
     task: &Task,
     inner: &InnerSegments,
-    outline: &MapOutline,
+    outline: &RoughRectangle,
     clock: &mut Clock<'_>,
 ) -> Result<FaceMeasurement, Reject> {
     let Task { frame, calibration, .. } = *task;
@@ -470,51 +452,23 @@ fn measure_rough(
         EdgeMethod::Net | EdgeMethod::Gradient => &GradientDetector,
         EdgeMethod::Hough => &hough,
     };
-    let mut measure = |rough: &RoughRectangle, attempt: Attempt| {
-        let keep_out = rectangle::keep_out(calibration, face, rough);
-        let edges = detector.edge_points(frame, calibration, rough, &keep_out);
-        clock.lap("edges");
-        let result = rectangle::measure(frame, calibration, face, rough, &edges, settings, attempt);
-        clock.lap("fit");
-        result
-    };
-    // A network's outline with other lines is another outline, with a probability of its own.
-    let attempt = if asked.is_some() { Attempt::Last } else { Attempt::First };
-    let result = match measure(rough, attempt) {
-        Ok(Measured::Misplaced(moved)) => {
-            measure(&moved, Attempt::Last).or_else(|_| measure(rough, Attempt::Last))
-        }
-        result => result,
-    };
-    match result? {
-        Measured::Face(face) => Ok(*face),
-        Measured::Misplaced(_) => Err(Reject::RectangleOpen { sides_found: 0 }), // of a first attempt only
-    }
+    let keep_out = rectangle::keep_out(calibration, face, rough);
+    let edges = detector.edge_points(frame, calibration, rough, &keep_out);
+    clock.lap("edges");
+    let result = rectangle::measure(frame, calibration, face, rough, &edges, settings);
+    clock.lap("fit");
+    result
 }
 
 /// Overlap of the outline with the network's mask below which the maps show no face here; right outlines of rendered boxes have 0.7
 /// and more.
 const LEAST_OVERLAP: f32 = 0.5;
 
-/// The face's outline in the maps, if they show a face.
-fn seen_outline(
-    calibration: &Calibration,
-    plane: &Plane<Cam>,
-    maps: &FaceMaps,
-    settings: &Settings,
-) -> Result<MapOutline, Reject> {
-    let outline = map_outline(calibration, plane, maps);
-    let overlap = outline.as_ref().map_or(0.0, |outline| outline.overlap);
-    outline
-        .filter(|_| overlap >= LEAST_OVERLAP)
-        .ok_or_else(|| unclear(maps, 0.0, settings, f64::from(overlap)))
-}
-
 /// The refusal of a face whose outline is not clear.
-fn unclear(maps: &FaceMaps, probability: f64, settings: &Settings, overlap: f64) -> Reject {
-    match mask_at_border(maps) {
+fn unclear(task: &Task, probability: f64, overlap: f64) -> Reject {
+    match task.asked.and_then(|asked| mask_at_border(&asked.maps)) {
         Some((sides_cut, at)) => Reject::FaceCutByBorder { sides_cut, at },
-        None => unsure(probability, settings, overlap),
+        None => unsure(probability, task.settings, overlap),
     }
 }
 
@@ -530,7 +484,7 @@ fn unsure(probability: f64, settings: &Settings, overlap: f64) -> Reject {
 
 /// Probability that sides along the right lines are right. The paper's key points have wide sigmas and are shown as the paper has them.
 fn located<'a>(sides: impl IntoIterator<Item = &'a Estimate>, settings: &Settings) -> f64 {
-    let weighs_sigma = settings.method == Method::Fit && settings.edges == EdgeMethod::Net;
+    let weighs_sigma = settings.method == Method::Fit && settings.edges != EdgeMethod::Hough;
     if weighs_sigma { confidence::located(sides) } else { 1.0 }
 }
 
@@ -595,7 +549,9 @@ pub fn measure_box_with_hints(
     }
     let (seen, hints): (Vec<_>, Vec<_>) =
         see_faces(frames, calibration, settings, times)?.into_iter().unzip();
-    let boxes = asked_network(settings).map_or_else(Vec::new, |_| {
+    // The paper's way states no probability.
+    let stated = settings.edges != EdgeMethod::Hough;
+    let boxes = stated.then(|| {
         let of_frames: Vec<Option<&Seen>> = seen.iter().map(|seen| seen.as_ref().ok()).collect();
         let agree = |faces: &[Option<&FaceMeasurement>]| {
             let assembled = assemble(frames, faces, calibration, settings);
@@ -603,6 +559,7 @@ pub fn measure_box_with_hints(
         };
         likeliest_boxes(&of_frames, agree, |(a, ..), (b, ..)| cuboid::same_outcome(a, b))
     });
+    let boxes = boxes.unwrap_or_default();
     let confidence = |outcome: &Outcome, probability: f64| match outcome {
         Outcome::Measured(s) | Outcome::Ambiguous([s, _]) => {
             probability * located([&s.length, &s.width, &s.height], settings)
@@ -664,13 +621,6 @@ pub fn measure_box_with_hints(
         (_, None) => assemble(frames, &measured, calibration, settings),
     };
     let report = BoxReport { outcome, faces, warnings, settled, confidence: None, likeliest };
-    if asks_network(settings) || !matches!(report.outcome, Outcome::Rejected(Reject::SidesDisagree { .. })) {
-        return Ok((report, hints));
-    }
-    let report = match *frames {
-        [first, second] => with_alternatives([first, second], calibration, settings, times).unwrap_or(report),
-        _ => report,
-    };
     Ok((report, hints))
 }
 
@@ -724,48 +674,4 @@ fn assemble(
         return (outcome, warnings, Some(seen));
     }
     (outcome, warnings, None)
-}
-
-/// When the likeliest faces share no side, one of them may be two flush faces in one: the pair of alternatives that does
-/// share a side, the likelier first. `None` if there is none, or if two pairs that agree give different boxes.
-fn with_alternatives(
-    frames: [&Frame; 2],
-    calibration: &Calibration,
-    settings: &Settings,
-    times: &mut StageTimes,
-) -> Option<BoxReport> {
-    let mut clock = Clock::new(times);
-    let [first, second] = frames.map(|frame| {
-        let which = Which::WithAlternatives;
-        let task = Task { frame, calibration, settings, asked: None, edge_map: None, which };
-        face_stages(&task, &mut clock).ok()
-    });
-    let (first, second) = (first?, second?);
-    let [first, second] = [&first, &second].map(|seen| seen.measured().collect::<Vec<_>>());
-    let mut found: Option<BoxReport> = None;
-    for (i, a) in first.iter().copied().enumerate() {
-        for (j, b) in second.iter().copied().enumerate() {
-            // One of the two is as likely as can be: two alternatives at once would agree too easily.
-            if i > 0 && j > 0 {
-                continue;
-            }
-            let (outcome, warnings, settled) = assemble(&frames, &[Some(a), Some(b)], calibration, settings);
-            if matches!(outcome, Outcome::Rejected(_)) {
-                continue;
-            }
-            if found.as_ref().is_some_and(|f| !cuboid::same_outcome(&f.outcome, &outcome)) {
-                return None;
-            }
-            let measured = |face: &FaceMeasurement| FaceOutcome::Measured(Box::new(face.clone()));
-            found.get_or_insert(BoxReport {
-                outcome,
-                faces: vec![measured(a), measured(b)],
-                warnings,
-                settled,
-                confidence: None,
-                likeliest: Vec::new(),
-            });
-        }
-    }
-    found
 }

@@ -84,8 +84,7 @@ pub fn measure_points(
     });
     let offsets_mm = [0, 1, 2, 3].map(|side| SIDES[side].0.offset(middles[order[side]]));
     let mm_per_px = raster.mm_per_px(calibration, OnPlane::zeros())?;
-    let rough =
-        RoughRectangle { raster, offsets_mm, at_ends: [true; 4], lines: Default::default(), mm_per_px };
+    let rough = RoughRectangle::new(raster, offsets_mm, mm_per_px);
     let observed = Observed { calibration, stripes: &stripes, edges: &edges };
     let fitted = observed.fit(&plane, &rough, settings)?;
     let profiles = order.map(|i| {

@@ -7,9 +7,12 @@
 //! the probability that the network of sides gives its place, and that it gives the side to be hidden; how far outwards of the true side
 //! the measured one is, mm, if the face could be measured however unsure it is, and the larger sigma of its length and width; what the
 //! stripes' light says of the line (`StripeLight`).
+//!
+//! With `--without-network` before the recordings it is what is looked at without one (`diagnostics::SideLine`), for `training/weights_alone.py`.
 
 mod true_face;
 
+use boxline::diagnostics::side_lines;
 use boxline::network::{FaceMaps, LineStrip, Network};
 use boxline::view::{FaceView, SideOdds};
 use boxline::{Error, FaceMeasurement, FaceOutcome, Frame, Px, Settings, StageTimes, measure_face};
@@ -60,11 +63,24 @@ impl Network for Recorder<'_> {
 }
 
 fn main() -> Outcome<()> {
+    let mut arguments: Vec<PathBuf> = std::env::args_os().skip(1).map(PathBuf::from).collect();
+    if arguments.first().is_some_and(|first| first.as_os_str() == "--without-network") {
+        println!(
+            "recording,frame,refuse,side,off_px,mm_per_px,radius_mm,{},beyond_least,beyond_most,missing,measured_off_mm",
+            (0..11).map(|i| format!("clue_{i}")).collect::<Vec<_>>().join(",")
+        );
+        for recordings in arguments.drain(1..) {
+            for folder in with_truth(&recordings)? {
+                frames_alone(&folder)?;
+            }
+        }
+        return Ok(());
+    }
     let network = EdgeNet::embedded(&Options::default())?;
     println!(
         "recording,frame,refuse,side,off_px,mm_per_px,radius_mm,known,strength,told,seen,hidden,measured_off_mm,sigma_mm,beyond_least,beyond_most,missing"
     );
-    for recordings in std::env::args_os().skip(1).map(PathBuf::from) {
+    for recordings in arguments {
         for folder in with_truth(&recordings)? {
             frames(&network, &folder)?;
         }
@@ -132,6 +148,41 @@ fn frames(network: &EdgeNet, folder: &Path) -> Outcome<()> {
                 truth.radius_mm,
                 strip.log_odds,
                 strip.light.missing,
+            );
+        }
+    }
+    Ok(())
+}
+
+/// The same without a network.
+fn frames_alone(folder: &Path) -> Outcome<()> {
+    let truth = read_truth(folder)?.unwrap_or_default();
+    let recording = read_recording(folder)?;
+    let calibration = read_calibration(&recording.calibration_file)?;
+    let name = folder.file_name().unwrap_or_default().to_string_lossy();
+    for frame in &recording.frames {
+        let Some(face) = truth.faces.iter().find(|f| f.frame == frame.id) else { continue };
+        let Some(truth) = TrueFace::of(face) else { continue };
+        let picture = Frame::from_jpeg(&std::fs::read(&frame.file)?)?;
+        let settings = Settings { least_confidence: 0.0, ..Settings::default() };
+        let measured = measure_face(&picture, &calibration, &settings, &mut StageTimes::new())?;
+        for line in side_lines(&picture, &calibration) {
+            let Some(off_px) = truth.off_px(line.middle, line.outwards) else { continue };
+            let [off_mm, _] = match &measured {
+                FaceOutcome::Measured(face) => measured_side(face, &truth, line.outwards),
+                FaceOutcome::Rejected(_) => None,
+            }
+            .unwrap_or([f64::NAN; 2]);
+            let clues = line.clues.map(|clue| format!("{clue:.4}")).join(",");
+            let [p, q] = line.light.beyond;
+            println!(
+                "{name},{},{},{},{off_px:.2},{:.4},{:.2},{clues},{p:.2},{q:.2},{:.2},{off_mm:.3}",
+                frame.id,
+                u8::from(face.refuse.is_some()),
+                line.side,
+                truth.mm_per_px,
+                truth.radius_mm,
+                line.light.missing,
             );
         }
     }

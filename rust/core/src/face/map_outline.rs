@@ -2,7 +2,7 @@
 //! the maps. Flush neighbours, print and clutter are told apart here; the exact place of each side comes from the frame.
 
 use super::extent::crossing_px;
-use super::outline::{Across, SIDES, WeightedLine, outward_sign, span_mm};
+use super::outline::{Across, RoughRectangle, SIDES, outward_sign, span_mm};
 use super::raster::{OnPlane, PlaneRaster};
 use crate::calibration::Calibration;
 use crate::frames::{Cam, Plane};
@@ -12,13 +12,7 @@ use crate::units::{LaserId, Px};
 /// A rectangle seen in the maps.
 #[derive(Clone, Debug)]
 pub(crate) struct MapOutline {
-    pub raster: PlaneRaster,
-    /// Offsets of the sides in the order of [`SIDES`], mm.
-    pub offsets_mm: [f64; 4],
-    /// As [`super::outline::RoughRectangle::lines`].
-    pub lines: [Vec<WeightedLine>; 4],
-    /// Size of a frame pixel on the face, mm.
-    pub mm_per_px: f64,
+    pub rough: RoughRectangle,
     /// Overlap of the rectangle with the mask of the face (intersection over union).
     pub overlap: f32,
 }
@@ -105,14 +99,8 @@ pub(crate) fn map_outline(
     }
     let (_, candidate) = best?;
     let candidate = candidate.fitted(&edges, unit);
-    let raster = base.turned(candidate.angle);
-    Some(MapOutline {
-        overlap: candidate.exact_overlap(calibration, &base, maps),
-        raster,
-        offsets_mm: candidate.offsets_mm,
-        lines: Default::default(),
-        mm_per_px,
-    })
+    let rough = RoughRectangle::new(base.turned(candidate.angle), candidate.offsets_mm, mm_per_px);
+    Some(MapOutline { rough, overlap: candidate.exact_overlap(calibration, &base, maps) })
 }
 
 /// How many borders of the image the face reaches in the maps, and where first. `None` if it keeps clear of all.

@@ -1,6 +1,7 @@
 //! The plane of a face from its stripes ([`plane_fit`]), how far each stripe stays on it ([`extent`]), coordinates on it
 //! ([`raster`]) and its four sides ([`outline`]).
 
+pub(crate) mod end_outline;
 pub(crate) mod extent;
 #[cfg(test)]
 mod faint_tests;

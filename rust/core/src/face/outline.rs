@@ -79,13 +79,9 @@ pub(crate) struct RoughRectangle {
 }
 
 impl RoughRectangle {
-    /// The rectangle with each side moved outwards.
-    pub fn moved_outwards(&self, by_mm: [f64; 4]) -> Self {
-        let mut moved = self.clone();
-        for ((offset, by_mm), (_, high)) in moved.offsets_mm.iter_mut().zip(by_mm).zip(SIDES) {
-            *offset += if high { by_mm } else { -by_mm };
-        }
-        moved
+    /// Of which no more is known.
+    pub fn new(raster: PlaneRaster, offsets_mm: [f64; 4], mm_per_px: f64) -> Self {
+        Self { raster, offsets_mm, at_ends: [true; 4], lines: Default::default(), mm_per_px }
     }
 
     /// Where a side begins and ends along its direction, mm.

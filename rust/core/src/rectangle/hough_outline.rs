@@ -69,13 +69,7 @@ pub(crate) fn hough_outline(
         at.along_side(SIDES[*side].0, offsets_mm[*side]).share(from, to) >= LEAST_SHARE
     });
     match clear.count() {
-        4 => Ok(RoughRectangle {
-            raster,
-            offsets_mm,
-            at_ends: [true; 4],
-            lines: Default::default(),
-            mm_per_px: search.mm_per_px,
-        }),
+        4 => Ok(RoughRectangle::new(raster, offsets_mm, search.mm_per_px)),
         sides_found => Err(open(sides_found)),
     }
 }

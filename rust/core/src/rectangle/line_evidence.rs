@@ -1,24 +1,23 @@
 //! What speaks for a straight line being a side of the face, as one number: the logarithm of its odds against the other lines of that
-//! side. Neither the network's outline, nor the picture's edges, nor the stripes decide alone.
+//! side. Neither the outline, nor the picture's edges, nor the stripes decide alone. Without a network it is the same with fewer terms.
 
-use super::hypothesize::innermost;
 use super::line_strip::{Place, strip};
 use super::stripe_ends;
 use crate::calibration::Calibration;
 use crate::edges::side_scan::{EdgeCandidate, ScanRange, SideScan};
+use crate::face::end_outline::innermost;
 use crate::face::extent::FaceStripes;
-use crate::face::map_outline::MapOutline;
-use crate::face::outline::{Across, SIDES, outward_sign, span_mm};
+use crate::face::outline::{Across, RoughRectangle, SIDES, outward_sign, span_mm};
 use crate::face::raster::PlaneRaster;
 use crate::image::Frame;
-use crate::network::{Asked, Channel};
+use crate::network::{Asked, Channel, StripeLight};
 use crate::scene::lit::LitLines;
 use crate::sides::ViewAxes;
 use crate::view::SideOdds;
 
 /// A line that may be a side.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Line {
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Line {
     pub offset_mm: f64,
     /// Logarithm of its weight among the lines of the side by all but the network of sides.
     pub told: f64,
@@ -28,6 +27,55 @@ pub(super) struct Line {
     pub light: f64,
     /// How strong an edge of the picture it is, 0 to 1.
     pub strength: f64,
+    pub clues: Clues,
+    pub stripes_light: StripeLight,
+}
+
+/// What is looked at for each line beside the networks of lines and of sides, and the stripes' light.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Clues {
+    /// Strength of the picture's edge, 0 to 1.
+    strength: f64,
+    /// Probability of an edge in the network's map, up to [`NETWORK_MOST`].
+    network: f64,
+    /// Both stripes end elsewhere (0 or 1); a stripe ends here.
+    ends_elsewhere: f64,
+    end_here: f64,
+    /// What speaks for a stripe's light inside, where it ended before the line.
+    ended_before: f64,
+    /// Both stripes leave the plane here.
+    leaves_plane: f64,
+    /// It is the outline's side.
+    outline: f64,
+    /// Both stripes go on: a flush neighbour, whose seam is seen along the whole side, or print on the face.
+    run_on: f64,
+    run_on_unseen: f64,
+    /// The adjacent sides' edges are seen up to it and not beyond; the network sees corners there.
+    corners_stop: f64,
+    corners_seen: f64,
+}
+
+impl Clues {
+    /// In the order of [`TOLD`].
+    pub fn values(&self) -> [f64; 11] {
+        [
+            self.strength,
+            self.network,
+            self.ends_elsewhere,
+            self.end_here,
+            self.ended_before,
+            self.leaves_plane,
+            self.outline,
+            self.run_on,
+            self.run_on_unseen,
+            self.corners_stop,
+            self.corners_seen,
+        ]
+    }
+
+    fn log_odds(&self, weights: &[f64; 11]) -> f64 {
+        self.values().iter().zip(weights).map(|(value, weight)| value * weight).sum()
+    }
 }
 
 /// A blurred or rounded edge has lines beside it that are no other edges: what speaks for the right line of several within 15 px is the
@@ -52,13 +100,14 @@ impl Line {
 }
 
 /// All that can speak for a line.
-pub(super) struct Evidence<'a> {
+pub(crate) struct Evidence<'a> {
     pub frame: &'a Frame,
     pub calibration: &'a Calibration,
     /// The outline's raster on the plane of the stripes.
     pub raster: &'a PlaneRaster,
-    pub outline: &'a MapOutline,
-    pub asked: &'a Asked<'a>,
+    pub outline: &'a RoughRectangle,
+    /// A network, if there is one.
+    pub asked: Option<&'a Asked<'a>>,
     /// Stripes, followed as far as they go.
     pub wide: &'a FaceStripes,
     /// What the network of sides says, if there is one.
@@ -68,18 +117,9 @@ pub(super) struct Evidence<'a> {
 
 /// Weights, fitted by maximum likelihood (each side's right line against its other lines) to the 860 sides of 110 rendered boxes
 /// (`boxline render --held-out --seed 7000 --count 110`).
-const STRENGTH: f64 = 4.60;
-const NETWORK: f64 = 1.30;
-const ENDS_ELSEWHERE: f64 = -2.20;
-const END_HERE: f64 = 1.48;
-const CORNERS_STOP: f64 = 2.25;
-const CORNERS_SEEN: f64 = 3.56;
-const ENDED_BEFORE: f64 = -0.30;
-const LEAVES_PLANE: f64 = 1.24;
-const OUTLINE: f64 = 1.47;
-/// Where both stripes go on there is a flush neighbour, whose seam is seen along the whole side, or print on the face.
-const RUN_ON: f64 = 1.12;
-const RUN_ON_UNSEEN: f64 = -3.73;
+const TOLD: [f64; 11] = [4.60, 1.30, -2.20, 1.48, -0.30, 1.24, 1.47, 1.12, -3.73, 2.25, 3.56];
+/// The same without any network, of 2,728 sides of the learning seeds (`training/weights_alone.py`); two clues are a network's.
+const TOLD_ALONE: [f64; 11] = [5.06, 0.0, -0.83, 0.94, -0.30, 0.49, 0.64, -0.44, -2.56, 2.19, 0.0];
 
 /// Weights of the networks of lines and of sides and of the stripes' light, fitted together by maximum likelihood to the sides of rendered
 /// boxes of the learning seeds (`training/weights.py`); that of the network of sides is of the probability of a place and a little, so
@@ -107,6 +147,8 @@ const APART_PX: f64 = 5.0;
 const LEAST_STRENGTH: f32 = 0.35;
 /// A line may be turned against the raster by this much from end to end, px.
 const DRIFT_PX: f64 = 8.0;
+/// Guesses of all sides together; most stay from the second on.
+const MOST_GUESSES: usize = 3;
 /// Stretches to both sides of a line that are looked at begin and end so far from it, px.
 const WINDOW_PX: (f64, f64) = (8.0, 80.0);
 /// A stripe's end and a line are at the same place or not, px: single ends scatter by 2 px, traced ones by a block of rows.
@@ -139,6 +181,34 @@ impl StripeSum {
 }
 
 impl Evidence<'_> {
+    /// Lines that may be each side, where all four are about here.
+    pub fn of_sides(&self, offsets_mm: &[f64; 4]) -> Option<Vec<Vec<Line>>> {
+        (0..4).map(|side| self.lines(side, offsets_mm)).collect()
+    }
+
+    /// The same where the outline is no more than a guess: how far a side goes changes what is seen of it, so the likeliest lines are the
+    /// next guess, until they stay.
+    pub fn settled(&self) -> Option<Vec<Vec<Line>>> {
+        let mut offsets_mm = self.outline.offsets_mm;
+        let mut lines = self.of_sides(&offsets_mm)?;
+        for _ in 1..MOST_GUESSES {
+            let likeliest = |lines: &Vec<Line>| {
+                Some(lines.iter().max_by(|a, b| a.log_weight().total_cmp(&b.log_weight()))?.offset_mm)
+            };
+            let mut next_mm = offsets_mm;
+            for (next_mm, lines) in next_mm.iter_mut().zip(&lines) {
+                *next_mm = likeliest(lines)?;
+            }
+            let moved = |(a, b): (&f64, &f64)| (a - b).abs() > OUTLINE_PX * self.outline.mm_per_px;
+            if !next_mm.iter().zip(&offsets_mm).any(moved) {
+                break;
+            }
+            offsets_mm = next_mm;
+            lines = self.of_sides(&offsets_mm)?;
+        }
+        Some(lines)
+    }
+
     /// Lines that may be a side, in no order; `offsets_mm` are all four sides as they are known.
     pub fn lines(&self, side: usize, offsets_mm: &[f64; 4]) -> Option<Vec<Line>> {
         let (across, high) = SIDES[side];
@@ -172,30 +242,49 @@ impl Evidence<'_> {
             }
         }
         let stripes = self.stripe_sums(side);
-        let known: Vec<f64> =
+        let known: Vec<Clues> =
             found.iter().map(|e| self.without_corners(side, offsets_mm, &stripes, e)).collect();
-        let best = known.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        let likely = found.iter().zip(&known).filter(|(_, known)| **known > best - HOPELESS);
+        let weights = if self.asked.is_some() { &TOLD } else { &TOLD_ALONE };
+        let best = known.iter().map(|clues| clues.log_odds(weights)).fold(f64::NEG_INFINITY, f64::max);
+        let likely = found.iter().zip(&known).filter(|(_, clues)| clues.log_odds(weights) > best - HOPELESS);
         let lines = likely.map(|(e, known)| {
             let (stop, seen) = self.corners(side, offsets_mm, e.offset_mm);
-            let light = self.lit.at(self.calibration, self.raster, side, e.offset_mm);
-            let place = Place {
-                side,
-                light,
+            let stripes_light = self.lit.at(self.calibration, self.raster, side, e.offset_mm);
+            let clues = Clues { corners_stop: stop, corners_seen: seen, ..*known };
+            let bin = self.seen.map(|(axes, _)| axes.bin(side, e.offset_mm));
+            let mut told = clues.log_odds(weights);
+            if let Some(asked) = self.asked {
+                let place = Place {
+                    side,
+                    light: stripes_light,
+                    offset_mm: e.offset_mm,
+                    span_mm,
+                    mm_per_px: px,
+                    away_px: outward_sign(side) * (e.offset_mm - own) / px,
+                    strength: e.strength,
+                    log_odds: told as f32,
+                    bin,
+                };
+                told = asked.line_log_odds(&strip(
+                    self.frame,
+                    self.calibration,
+                    self.raster,
+                    &asked.maps,
+                    &place,
+                )?);
+            }
+            let seen = self.seen.zip(bin).map(|((_, odds), bin)| odds.at(side, bin));
+            let [least, most] = stripes_light.beyond;
+            let light = LIGHT_ON_ONE * (most - least) + LIGHT_MISSING * stripes_light.missing;
+            Some(Line {
                 offset_mm: e.offset_mm,
-                span_mm,
-                mm_per_px: px,
-                away_px: outward_sign(side) * (e.offset_mm - own) / px,
-                strength: e.strength,
-                log_odds: (known + CORNERS_STOP * stop + CORNERS_SEEN * seen) as f32,
-                bin: self.seen.map(|(axes, _)| axes.bin(side, e.offset_mm)),
-            };
-            let strip = strip(self.frame, self.calibration, self.raster, &self.asked.maps, &place)?;
-            let told = self.asked.line_log_odds(&strip);
-            let seen = self.seen.zip(place.bin).map(|((_, odds), bin)| odds.at(side, bin));
-            let [least, most] = light.beyond;
-            let light = LIGHT_ON_ONE * (most - least) + LIGHT_MISSING * light.missing;
-            Some(Line { offset_mm: e.offset_mm, told, seen, light, strength: f64::from(e.strength) })
+                told,
+                seen,
+                light,
+                strength: f64::from(e.strength),
+                clues,
+                stripes_light,
+            })
         });
         lines.collect()
     }
@@ -225,13 +314,14 @@ impl Evidence<'_> {
         offsets_mm: &[f64; 4],
         stripes: &[StripeSum; 2],
         edge: &EdgeCandidate,
-    ) -> f64 {
+    ) -> Clues {
         let (across, _) = SIDES[side];
         let (px, offset, out_mm) =
             (self.outline.mm_per_px, edge.offset_mm, outward_sign(side) * edge.offset_mm);
         let flag = |told: bool| f64::from(u8::from(told));
-        let network =
-            self.map_along(Channel::FaceEdge, across, offset, span_mm(offsets_mm, side)).min(NETWORK_MOST);
+        let network = self.asked.map_or(0.0, |asked| {
+            self.map_along(asked, across, offset, span_mm(offsets_mm, side)).min(NETWORK_MOST)
+        });
         let ends = stripe_ends::find(
             self.frame,
             self.calibration,
@@ -248,25 +338,29 @@ impl Evidence<'_> {
         let leave = stripes.iter().all(|s| (s.end_mm - out_mm).abs() < same_mm);
         let before = |s: &StripeSum| if s.end_mm < out_mm { s.lost(out_mm).min(MOST_LOST) } else { 0.0 };
         let ended_before = before(&stripes[0]).min(before(&stripes[1]));
-        STRENGTH * f64::from(edge.strength)
-            + NETWORK * f64::from(network)
-            + ENDS_ELSEWHERE * flag(elsewhere)
-            + END_HERE * flag(off_px <= SAME_PX)
-            + ENDED_BEFORE * ended_before
-            + LEAVES_PLANE * flag(leave)
-            + run_on * (RUN_ON + RUN_ON_UNSEEN * (1.0 - f64::from(edge.strength)))
-            + OUTLINE * flag((offset - self.outline.offsets_mm[side]).abs() <= OUTLINE_PX * px)
+        Clues {
+            strength: f64::from(edge.strength),
+            network: f64::from(network),
+            ends_elsewhere: flag(elsewhere),
+            end_here: flag(off_px <= SAME_PX),
+            ended_before,
+            leaves_plane: flag(leave),
+            outline: flag((offset - self.outline.offsets_mm[side]).abs() <= OUTLINE_PX * px),
+            run_on,
+            run_on_unseen: run_on * (1.0 - f64::from(edge.strength)),
+            ..Clues::default()
+        }
     }
 
-    /// Mean of a map along a line, the best within a pixel of the map.
-    fn map_along(&self, channel: Channel, across: Across, offset: f64, span: (f64, f64)) -> f32 {
+    /// Mean probability of the face's edge in the maps along a line, the best within a pixel of the map.
+    fn map_along(&self, asked: &Asked, across: Across, offset: f64, span: (f64, f64)) -> f32 {
         const SAMPLES: u32 = 48;
-        let unit = self.asked.maps.px_per_raster_px() * self.outline.mm_per_px;
+        let unit = asked.maps.px_per_raster_px() * self.outline.mm_per_px;
         let mean = |offset: f64| {
             let value = |n: u32| {
                 let along = span.0 + (span.1 - span.0) * (f64::from(n) + 0.5) / f64::from(SAMPLES);
                 let px = self.raster.pixel(self.calibration, across.at(offset, along));
-                px.map_or(0.0, |px| self.asked.maps.at(channel, px))
+                px.map_or(0.0, |px| asked.maps.at(Channel::FaceEdge, px))
             };
             (0..SAMPLES).map(value).sum::<f32>() / SAMPLES as f32
         };
@@ -310,7 +404,6 @@ impl Evidence<'_> {
     /// where they meet it; means of both, 0 to 1.
     fn corners(&self, side: usize, offsets_mm: &[f64; 4], offset: f64) -> (f64, f64) {
         let px = self.outline.mm_per_px;
-        let unit = self.asked.maps.px_per_raster_px() * px;
         let (mut inside, mut beyond, mut corner) = (0.0, 0.0, 0.0);
         for other in if side < 2 { [2, 3] } else { [0, 1] } {
             let (across, place) = (SIDES[other].0, offsets_mm[other]);
@@ -331,11 +424,13 @@ impl Evidence<'_> {
             };
             inside += 0.5 * seen(-WINDOW_PX.1, -WINDOW_PX.0);
             beyond += 0.5 * seen(WINDOW_PX.0, WINDOW_PX.1);
+            let Some(maps) = self.asked.map(|asked| &asked.maps) else { continue };
+            let unit = maps.px_per_raster_px() * px;
             let mut best = 0f32;
             for (i, j) in (-1..=1).flat_map(|i| (-1..=1).map(move |j| (i, j))) {
                 let at = SIDES[side].0.at(offset + f64::from(i) * unit, place + f64::from(j) * unit);
                 if let Some(px) = self.raster.pixel(self.calibration, at) {
-                    best = best.max(self.asked.maps.at(Channel::Corner, px));
+                    best = best.max(maps.at(Channel::Corner, px));
                 }
             }
             corner += 0.5 * f64::from(best);

@@ -1,18 +1,18 @@
-//! The rectangle of a face on its plane: which one ([`hypothesize`], [`combine`], in the paper's map [`hough_outline`]), its joint fit
+//! The rectangle of a face on its plane: which lines may be its sides ([`line_evidence`], [`rivals`], in the paper's map [`hough_outline`]), the
+//! picture's edges beside them ([`snap`]), its joint fit
 //! ([`refine`]), the paper's eight key points ([`key_points`]), the way from rounded to sharp edges ([`sharp_edge`], [`rounding`]), its sigmas ([`uncertainty`]), what the
 //! residuals tell ([`self_check`], [`surface`]), and the result (this file).
 
-mod combine;
 pub(crate) mod hough_outline;
-pub(crate) mod hypothesize;
 pub(crate) mod key_points;
-mod line_evidence;
+pub(crate) mod line_evidence;
 mod line_strip;
 pub(crate) mod refine;
 pub(crate) mod rivals;
 pub(crate) mod rounding;
 mod self_check;
 pub(crate) mod sharp_edge;
+pub(crate) mod snap;
 mod straightness;
 pub(crate) mod stripe_ends;
 mod surface;
@@ -42,21 +42,6 @@ const MAX_EDGE_RMS_PX: f64 = 1.5;
 /// ... but edges of real boxes bow and wave by up to 4 mm, the rms of which is half of that; sigma takes it in.
 const MAX_EDGE_RMS_MM: f64 = 2.0;
 
-/// What became of a rough rectangle.
-pub(crate) enum Measured {
-    Face(Box<FaceMeasurement>),
-    /// The stripes end elsewhere than the edges that were found near it: here other edges should be looked for.
-    Misplaced(Box<RoughRectangle>),
-}
-
-/// The rough rectangle and what is left of hope for a better one.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Attempt {
-    First,
-    /// Misplaced sides are refused or get a wide sigma.
-    Last,
-}
-
 /// A side that lies so far beyond where both its stripes end, px, is none: nothing that is not the face can be nearer to the head
 /// than its stripes.
 const TOO_FAR_PX: f64 = 10.0;
@@ -69,8 +54,7 @@ pub(crate) fn measure(
     rough: &RoughRectangle,
     edges: &[Vec<EdgePoint>; 4],
     settings: &Settings,
-    attempt: Attempt,
-) -> Result<Measured, Reject> {
+) -> Result<FaceMeasurement, Reject> {
     let sides_found = edges.iter().filter(|e| e.len() >= MIN_EDGE_POINTS).count() as u8;
     let open = || Reject::RectangleOpen { sides_found };
     if sides_found < 4 {
@@ -97,12 +81,8 @@ pub(crate) fn measure(
     }
     if let Some(off_mm) = misplaced_mm {
         let beyond_ends = off_mm.iter().filter(|off| **off < -TOO_FAR_PX * rough.mm_per_px).count() as u8;
-        match attempt {
-            Attempt::First => return Ok(Measured::Misplaced(Box::new(rough.moved_outwards(off_mm)))),
-            Attempt::Last if beyond_ends > 0 => {
-                return Err(Reject::RectangleOpen { sides_found: 4 - beyond_ends });
-            }
-            Attempt::Last => {}
+        if beyond_ends > 0 {
+            return Err(Reject::RectangleOpen { sides_found: 4 - beyond_ends });
         }
     }
     let face = if settings.method == Method::Keypoints {
@@ -113,7 +93,7 @@ pub(crate) fn measure(
     };
     let mut face = face.ok_or_else(open)?;
     face.warnings.extend(Beside::warning(&beside));
-    Ok(Measured::Face(Box::new(face)))
+    Ok(face)
 }
 
 /// Lines that are no farther from a measured side pull at it, px and mm.

@@ -1,12 +1,11 @@
-//! The outlines that a face may have: the network's and those with other lines of the picture for some of its sides, each with its
+//! The outlines that a face may have: the first one and those with other lines of the picture for some of its sides, each with its
 //! probability. Which it is may be told by the frame, or only together with the other frame of the box.
 
 use super::line_evidence::{Evidence, Line};
 use crate::calibration::Calibration;
 use crate::confidence::RIGHT_MM;
 use crate::face::extent::FaceStripes;
-use crate::face::map_outline::MapOutline;
-use crate::face::outline::WeightedLine;
+use crate::face::outline::{RoughRectangle, WeightedLine};
 use crate::image::Frame;
 use crate::network::Asked;
 use crate::scene::lit::LitLines;
@@ -16,7 +15,7 @@ use crate::view::SideOdds;
 /// One of the outlines.
 #[derive(Clone, Debug)]
 pub(crate) struct Rival {
-    pub outline: MapOutline,
+    pub outline: RoughRectangle,
     /// That all four sides are right.
     pub probability: f64,
     /// The lines of both pairs of opposite sides, in the order of the raster.
@@ -38,6 +37,8 @@ const SAME_PX: f64 = 10.0;
 /// sure of itself where it errs, and lines so many px apart are farther apart on a far face; fitted to 6,396 sides of rendered boxes of
 /// the learning and the choosing seeds, right where the measured side is within 5 mm (`training/weights.py`).
 const SURE: [f64; 6] = [0.03, 0.32, 0.62, -1.38, 0.37, -0.33];
+/// The same without a network: one judge (`training/weights_alone.py`, the learning and the choosing seeds).
+const SURE_ALONE: [f64; 6] = [0.33, 0.99, 0.0, -0.92, 0.57, 0.04];
 /// What is left for other lines counts from this on: no model is surer.
 const LEAST_LEFT: f64 = 1e-6;
 /// Odds of both count up to these: of sides that the first calls surer than that, one in some hundred is wrong all the same.
@@ -58,17 +59,17 @@ pub(crate) fn rivals(
     frame: &Frame,
     calibration: &Calibration,
     wide: &FaceStripes,
-    outline: &MapOutline,
-    asked: &Asked<'_>,
+    outline: &RoughRectangle,
+    asked: Option<&Asked<'_>>,
     seen: Option<&(ViewAxes, SideOdds)>,
     lit: &LitLines,
 ) -> Option<Vec<Rival>> {
     let raster = outline.raster.on(&wide.fit.plane);
     let evidence = Evidence { frame, calibration, raster: &raster, outline, asked, wide, seen, lit };
+    let lines = if asked.is_some() { evidence.of_sides(&outline.offsets_mm)? } else { evidence.settled()? };
     let mut sides = Vec::with_capacity(4);
     let mut weighted: [Vec<WeightedLine>; 4] = Default::default();
-    for (side, weighted) in weighted.iter_mut().enumerate() {
-        let lines = evidence.lines(side, &outline.offsets_mm)?;
+    for (lines, weighted) in lines.into_iter().zip(&mut weighted) {
         let share = softmax(&lines, Line::log_weight_beside);
         *weighted =
             lines.iter().map(|line| WeightedLine { offset_mm: line.offset_mm, share: share(line) }).collect();
@@ -97,7 +98,7 @@ pub(crate) fn rivals(
         };
         let offsets_mm = [0, 1, 2, 3].map(|side| choice(side).offset_mm);
         Rival {
-            outline: MapOutline { offsets_mm, lines: weighted.clone(), ..outline.clone() },
+            outline: RoughRectangle { offsets_mm, lines: weighted.clone(), ..outline.clone() },
             probability,
             pairs: [pair(0), pair(2)],
         }
@@ -113,7 +114,7 @@ fn choices(mut lines: Vec<Line>, mm_per_px: f64) -> Vec<Choice> {
     lines.sort_by(|a, b| b.log_weight().total_cmp(&a.log_weight()));
     let judges = lines.first().and_then(|best| {
         let near = |line: &&Line| (line.offset_mm - best.offset_mm).abs() <= same_mm;
-        Some([lines.iter().filter(near).map(told).sum(), best.seen?])
+        Some((lines.iter().filter(near).map(told).sum::<f64>(), best.seen))
     });
     let best_light = lines.first().map_or(0.0, |best| best.light);
     let mut found = Vec::new();
@@ -147,10 +148,12 @@ fn softmax<F: Fn(&Line) -> f64>(lines: &[Line], log_weight: F) -> impl Fn(&Line)
 }
 
 /// See [`SURE`]; what the two judges say, the light, and what is left for other lines.
-fn surely([told, seen]: [f64; 2], mm_per_px: f64, light: f64, left: f64) -> f64 {
+fn surely((told, seen): (f64, Option<f64>), mm_per_px: f64, light: f64, left: f64) -> f64 {
     let odds = |p: f64, most: f64| (p.max(0.0) / (1.0 - p).max(0.0)).clamp(1.0 / most, most).ln();
-    let [constant, by_told, by_seen, by_size, by_light, by_left] = SURE;
-    let judged = by_told * odds(told, MOST_ODDS[0]) + by_seen * odds(seen, MOST_ODDS[1]);
+    let [constant, by_told, by_seen, by_size, by_light, by_left] =
+        if seen.is_some() { SURE } else { SURE_ALONE };
+    let judged =
+        by_told * odds(told, MOST_ODDS[0]) + seen.map_or(0.0, |seen| by_seen * odds(seen, MOST_ODDS[1]));
     let logit =
         constant + judged + by_size * mm_per_px.ln() + by_light * light + by_left * left.max(LEAST_LEFT).ln();
     1.0 / (1.0 + (-logit).exp())
@@ -162,8 +165,13 @@ mod tests {
 
     #[test]
     fn a_line_that_the_network_of_sides_does_not_see_is_less_sure_and_the_others_are_not_surer_for_it() {
-        let line =
-            |offset_mm, told, seen| Line { offset_mm, told, seen: Some(seen), light: 0.0, strength: 0.5 };
+        let line = |offset_mm, told, seen| Line {
+            offset_mm,
+            told,
+            seen: Some(seen),
+            strength: 0.5,
+            ..Line::default()
+        };
         let of = |seen| choices(vec![line(10.0, 8.0, seen), line(50.0, 4.0, 0.01)], 0.7);
         let (both, one) = (of(0.97), of(0.03));
         assert!(both[0].probability > 0.95 && one[0].probability < 0.9, "{both:?} {one:?}");
@@ -174,7 +182,14 @@ mod tests {
 
     #[test]
     fn light_that_speaks_against_the_likeliest_line_makes_it_less_sure_or_another_likelier() {
-        let line = |offset_mm, told, light| Line { offset_mm, told, seen: Some(0.9), light, strength: 0.5 };
+        let line = |offset_mm, told, light| Line {
+            offset_mm,
+            told,
+            seen: Some(0.9),
+            light,
+            strength: 0.5,
+            ..Line::default()
+        };
         let of = |light| choices(vec![line(10.0, 6.0, light), line(50.0, 4.0, 0.0)], 0.5);
         let (clear, doubtful, contradicted) = (of(0.0), of(-1.0), of(-4.0));
         assert!(clear[0].probability > doubtful[0].probability + 0.01, "{clear:?} {doubtful:?}");
@@ -183,8 +198,13 @@ mod tests {
 
     #[test]
     fn two_judges_who_favour_different_lines_are_not_sure() {
-        let line =
-            |offset_mm, told, seen| Line { offset_mm, told, seen: Some(seen), light: 0.0, strength: 0.5 };
+        let line = |offset_mm, told, seen| Line {
+            offset_mm,
+            told,
+            seen: Some(seen),
+            strength: 0.5,
+            ..Line::default()
+        };
         let found = choices(vec![line(10.0, 5.0, 0.97), line(50.0, 8.0, 0.01)], 0.7);
         assert!(found[0].offset_mm == 10.0 && found[0].probability < 0.95, "{found:?}");
     }
@@ -194,15 +214,16 @@ mod tests {
         let line = |offset_mm, weight: f64, strength| Line {
             offset_mm,
             told: weight.ln(),
-            seen: None,
-            light: 0.0,
             strength,
+            ..Line::default()
         };
-        let lines = vec![line(10.0, 3.0, 0.5), line(11.0, 3.0, 0.9), line(50.0, 4.0, 0.5)];
-        let found = choices(lines, 0.2);
-        assert_eq!(found.len(), 2);
-        assert_eq!(found[0].offset_mm, 11.0, "the clearer edge");
-        assert!((found[0].probability - 0.6).abs() < 1e-9, "{}", found[0].probability);
-        assert!((found[1].probability - 0.4).abs() < 1e-9 && found[1].offset_mm == 50.0);
+        let lines = vec![line(10.0, 5.0, 0.5), line(11.0, 4.0, 0.9), line(50.0, 4.0, 0.5)];
+        let [together, alone] = [lines.clone(), lines[..1].iter().chain(&lines[2..]).copied().collect()]
+            .map(|lines| choices(lines, 0.2));
+        assert_eq!(together.len(), 2);
+        assert_eq!(together[0].offset_mm, 11.0, "the clearer edge");
+        assert!(together[0].probability > alone[0].probability + 0.02, "{together:?} {alone:?}");
+        let sum: f64 = together.iter().map(|choice| choice.probability).sum();
+        assert!(together[1].offset_mm == 50.0 && (sum - 1.0).abs() < 1e-9, "{together:?}");
     }
 }

@@ -4,8 +4,7 @@
 use super::in_front::{InFront, SideLine};
 use crate::calibration::Calibration;
 use crate::face::extent::FaceStripes;
-use crate::face::map_outline::MapOutline;
-use crate::face::outline::{SIDES, span_mm};
+use crate::face::outline::{RoughRectangle, SIDES, span_mm};
 use crate::image::Frame;
 use crate::reject::Reject;
 use crate::view::SideOdds;
@@ -38,7 +37,7 @@ impl HiddenSides {
         frame: &Frame,
         calibration: &Calibration,
         wide: &FaceStripes,
-        outline: &MapOutline,
+        outline: &RoughRectangle,
         odds: &SideOdds,
     ) -> Self {
         let raster = &outline.raster.on(&wide.fit.plane);
@@ -63,7 +62,7 @@ impl HiddenSides {
     }
 
     /// The refusal of a face of which something in front hides a piece.
-    pub fn refusal(&self, calibration: &Calibration, outline: &MapOutline) -> Option<Reject> {
+    pub fn refusal(&self, calibration: &Calibration, outline: &RoughRectangle) -> Option<Reject> {
         let Self { probabilities, objects } = self;
         let limit = objects.map(|object| if object.is_some() { AT_OBJECTS_EDGE } else { HIDDEN });
         let over = |side: &usize| probabilities[*side] / limit[*side];

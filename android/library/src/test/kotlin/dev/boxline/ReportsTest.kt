@@ -89,7 +89,7 @@ class ReportsTest {
     }
 
     @Test
-    fun `without a network there is no confidence`() {
+    fun `a report without a probability has no confidence`() {
         val measured = measureResult(field(1, 1) + field(2, sides) + field(11, enclosing) + field(5, field(2, 1)) + field(5, field(2, 1))) as MeasureResult.Measured
         assertNull(measured.confidence)
     }
