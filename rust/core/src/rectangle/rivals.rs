@@ -112,9 +112,9 @@ fn choices(mut lines: Vec<Line>, mm_per_px: f64) -> Vec<Choice> {
     let weight = softmax(&lines, Line::log_weight);
     let told = softmax(&lines, |line| line.told);
     lines.sort_by(|a, b| b.log_weight().total_cmp(&a.log_weight()));
-    let judges = lines.first().and_then(|best| {
+    let judges = lines.first().map(|best| {
         let near = |line: &&Line| (line.offset_mm - best.offset_mm).abs() <= same_mm;
-        Some((lines.iter().filter(near).map(told).sum::<f64>(), best.seen))
+        (lines.iter().filter(near).map(told).sum::<f64>(), best.seen)
     });
     let best_light = lines.first().map_or(0.0, |best| best.light);
     let mut found = Vec::new();
