@@ -5,7 +5,6 @@
 //! Conventions (frames, units, pixel origin): `rust/CONVENTIONS.md`.
 #![forbid(unsafe_code)]
 
-mod alternatives;
 mod box_depth;
 pub mod calib;
 pub mod calibration;
@@ -22,6 +21,7 @@ mod face;
 mod face_lines;
 pub mod feasibility;
 pub mod frames;
+mod hypotheses;
 pub mod image;
 pub mod measurement;
 pub mod network;
@@ -32,6 +32,7 @@ pub mod pipeline;
 pub mod points;
 mod rectangle;
 pub mod reject;
+pub mod report;
 mod scene;
 pub mod sides;
 mod stripe;
@@ -45,11 +46,12 @@ pub use error::{Error, ErrorKind};
 pub use feasibility::Hint;
 pub use image::Frame;
 pub use measurement::{
-    BoxMeasurement, BoxReport, Candidate, DepthSeen, EdgeMethod, FaceMeasurement, FaceOutcome, Method,
-    Outcome, Settings, SideLight, StageTimes, Straightness, SurfacePoint, Workers,
+    BoxMeasurement, Candidate, DepthSeen, EdgeMethod, FaceMeasurement, FaceOutcome, Method, Outcome,
+    Settings, SideLight, StageTimes, Straightness, SurfacePoint, Workers,
 };
 pub use network::{Channel, EdgeMap, EdgeMapNetwork, FaceMaps, Network};
-pub use pipeline::{measure_box, measure_box_with_hints, measure_face, measure_face_with_hint};
+pub use pipeline::{measure_box, measure_face};
 pub use reject::Reject;
+pub use report::{BoxReport, FaceReport};
 pub use units::{AngleEstimate, Estimate, LaserId, Px, Volume};
 pub use warning::{Warning, WarningKind};

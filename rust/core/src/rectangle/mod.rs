@@ -1,4 +1,4 @@
-//! The rectangle of a face on its plane: which lines may be its sides ([`line_evidence`], [`rivals`], in the paper's map [`hough_outline`]), the
+//! The rectangle of a face on its plane: which lines may be its sides ([`line_evidence`], [`outlines`], in the paper's map [`hough_outline`]), the
 //! picture's edges beside them ([`snap`]), its joint fit
 //! ([`refine`]), the paper's eight key points ([`key_points`]), the way from rounded to sharp edges ([`sharp_edge`], [`rounding`]), its sigmas ([`uncertainty`]), what the
 //! residuals tell ([`self_check`], [`surface`]), and the result (this file).
@@ -7,8 +7,8 @@ pub(crate) mod hough_outline;
 pub(crate) mod key_points;
 pub(crate) mod line_evidence;
 mod line_strip;
+pub(crate) mod outlines;
 pub(crate) mod refine;
-pub(crate) mod rivals;
 pub(crate) mod rounding;
 mod self_check;
 pub(crate) mod sharp_edge;

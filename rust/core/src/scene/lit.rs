@@ -10,11 +10,11 @@
 use crate::calibration::Calibration;
 use crate::edges::linear_light;
 use crate::face::extent::{FaceStripes, crossing_on_px, inner_segment};
-use crate::face::outline::{SIDES, outward_sign};
+use crate::face::outline::{RoughRectangle, SIDES, outward_sign};
 use crate::face::raster::PlaneRaster;
-use crate::frames::{Cam, Plane};
+use crate::frames::{Cam, Plane, Point};
 use crate::image::Frame;
-use crate::measurement::SideLight;
+use crate::measurement::{FaceMeasurement, SideLight};
 use crate::network::StripeLight;
 use crate::stripe::trace::Walk;
 use crate::units::{LaserId, Px};
@@ -97,8 +97,27 @@ impl LitLines {
         StripeLight { beyond: [p.min(q), p.max(q)], missing: no_p + no_q }
     }
 
+    /// What the light says of each side of a face that was measured along an outline, going round as its corners do.
+    pub fn of_sides(
+        &self,
+        calibration: &Calibration,
+        outline: &RoughRectangle,
+        face: &FaceMeasurement,
+    ) -> [SideLight; 4] {
+        let raster = &outline.raster;
+        [0, 1, 2, 3].map(|k| {
+            let middle = Point::from_vector(0.5 * (face.corners[k].mm + face.corners[(k + 1) % 4].mm));
+            let middle = raster.of_cam(&middle);
+            let offset_mm = |side: usize| SIDES[side].0.offset(middle);
+            // The one of the outline's sides on which it lies.
+            let off = |side: &usize| (offset_mm(*side) - outline.offsets_mm[*side]).abs();
+            let side = (0..4).min_by(|i, j| off(i).total_cmp(&off(j))).unwrap_or(0);
+            self.verdict(calibration, raster, side, offset_mm(side))
+        })
+    }
+
     /// The same in a word.
-    pub fn verdict(
+    fn verdict(
         &self,
         calibration: &Calibration,
         raster: &PlaneRaster,

@@ -3,12 +3,12 @@
 
 use crate::cuboid;
 use crate::measurement::FaceMeasurement;
-use crate::rectangle::rivals::Pair;
+use crate::rectangle::outlines::Pair;
 use crate::reject::Reject;
 use std::collections::BTreeMap;
 
 /// A face that a frame may show.
-pub(crate) struct Alternative {
+pub(crate) struct FaceHypothesis {
     /// That its sides are the right lines.
     pub probability: f64,
     /// That its length, or its width, lies between the right lines, while the other lies between none that is known. Of faces with the
@@ -17,7 +17,7 @@ pub(crate) struct Alternative {
     pub face: Result<Box<FaceMeasurement>, Reject>,
 }
 
-impl Alternative {
+impl FaceHypothesis {
     /// The one that a frame shows where nothing tells of others.
     pub fn only(face: FaceMeasurement) -> Self {
         Self { probability: 1.0, half: [0.0; 2], face: Ok(Box::new(face)) }
@@ -25,7 +25,7 @@ impl Alternative {
 }
 
 /// An outline that was tried: that it is right, its lines ([`Pair`], in the order of the raster), its sides in that order, mm.
-pub(crate) struct Tried {
+pub(crate) struct MeasuredOutline {
     pub probability: f64,
     pub pairs: [Pair; 2],
     pub sides_mm: [f64; 2],
@@ -33,18 +33,18 @@ pub(crate) struct Tried {
 }
 
 /// What a frame shows: the face or, if a network has said where it is, the faces it may be, likeliest first.
-pub(crate) struct Seen {
-    pub alternatives: Vec<Alternative>,
+pub(crate) struct FaceHypotheses {
+    pub faces: Vec<FaceHypothesis>,
     /// Why the likeliest does not count by itself.
     pub unsure: Option<Reject>,
     /// Overlap of the outline with the network's mask (intersection over union); 0 without a network.
     pub overlap: f64,
 }
 
-impl Seen {
+impl FaceHypotheses {
     /// The face alone.
     pub fn face(&self) -> Result<&FaceMeasurement, Reject> {
-        match (&self.unsure, self.alternatives.first().map(|a| &a.face)) {
+        match (&self.unsure, self.faces.first().map(|a| &a.face)) {
             // Who goes nearer sees more clearly as well.
             (_, Some(Err(reject @ Reject::TooFar { .. }))) => Err(reject.clone()),
             (Some(reject), _) | (None, Some(Err(reject))) => Err(reject.clone()),
@@ -66,13 +66,15 @@ struct Lines {
 
 /// Joins measurements that found the same edges; the likeliest first. One that failed may be right as well. Each face is told its
 /// confidence: its probability times what `located` says of it, that sides along the right lines are right.
-pub(crate) fn weighed(tried: Vec<Tried>, located: impl Fn(&FaceMeasurement) -> f64) -> Vec<Alternative> {
+pub(crate) fn weighed(
+    tried: Vec<MeasuredOutline>,
+    located: impl Fn(&FaceMeasurement) -> f64,
+) -> Vec<FaceHypothesis> {
     let untried = (1.0 - tried.iter().map(|a| a.probability).sum::<f64>()).max(0.0);
-    let mut kept: Vec<Tried> = Vec::with_capacity(tried.len());
+    let mut kept: Vec<MeasuredOutline> = Vec::with_capacity(tried.len());
     let mut lines: [Vec<Lines>; 2] = Default::default();
     for outline in tried {
-        let same =
-            |known: &&mut Tried| matches!((&known.face, &outline.face), (Ok(p), Ok(q)) if same_corners(p, q));
+        let same = |known: &&mut MeasuredOutline| matches!((&known.face, &outline.face), (Ok(p), Ok(q)) if same_corners(p, q));
         let known = kept.iter_mut().find(same);
         for (direction, lines) in lines.iter_mut().enumerate() {
             let pair = outline.pairs[direction];
@@ -86,8 +88,8 @@ pub(crate) fn weighed(tried: Vec<Tried>, located: impl Fn(&FaceMeasurement) -> f
     }
     let total = (untried + kept.iter().map(|a| a.probability).sum::<f64>()).max(f64::MIN_POSITIVE);
     kept.sort_by(|a, b| b.probability.total_cmp(&a.probability));
-    let alternative = |outline: Tried| {
-        let Tried { pairs, sides_mm, .. } = outline;
+    let hypothesis = |outline: MeasuredOutline| {
+        let MeasuredOutline { pairs, sides_mm, .. } = outline;
         let probability = outline.probability / total;
         let (mut half, mut face) = ([0.0; 2], outline.face);
         if let Ok(face) = &mut face {
@@ -97,9 +99,9 @@ pub(crate) fn weighed(tried: Vec<Tried>, located: impl Fn(&FaceMeasurement) -> f
                 half.swap(0, 1);
             }
         }
-        Alternative { probability, half, face }
+        FaceHypothesis { probability, half, face }
     };
-    kept.into_iter().map(alternative).collect()
+    kept.into_iter().map(hypothesis).collect()
 }
 
 /// Takes up an outline's pair of lines, as the same as `with`.
@@ -151,7 +153,7 @@ pub(crate) const LIKELIEST: usize = 2;
 #[derive(Clone, Copy)]
 struct State<'a> {
     probability: f64,
-    /// Which of the alternatives.
+    /// Which of the frame's hypotheses.
     index: usize,
     face: Option<&'a FaceMeasurement>,
     /// Whether its length and its width lie between the right lines.
@@ -160,16 +162,16 @@ struct State<'a> {
     told: bool,
 }
 
-fn states<'a>(seen: Option<&'a Seen>) -> Vec<State<'a>> {
+fn states<'a>(seen: Option<&'a FaceHypotheses>) -> Vec<State<'a>> {
     let mut found = Vec::new();
-    for (index, alternative) in seen.iter().flat_map(|seen| seen.alternatives.iter().enumerate()) {
-        if let Ok(face) = &alternative.face {
+    for (index, hypothesis) in seen.iter().flat_map(|seen| seen.faces.iter().enumerate()) {
+        if let Ok(face) = &hypothesis.face {
             let mut state = |probability, right| {
                 found.push(State { probability, index, face: Some(&**face), right, told: true })
             };
-            state(alternative.probability, [true, true]);
-            state(alternative.half[0], [true, false]);
-            state(alternative.half[1], [false, true]);
+            state(hypothesis.probability, [true, true]);
+            state(hypothesis.half[0], [true, false]);
+            state(hypothesis.half[1], [false, true]);
         }
     }
     found.retain(|state| state.probability >= LEAST);
@@ -210,7 +212,7 @@ fn agreement(states: &[State<'_>], arrangement: &[cuboid::SidesOfFace]) -> f64 {
 type OneEach<'a> = Vec<Option<&'a FaceMeasurement>>;
 
 /// Faces of one box, one a frame at most.
-pub(crate) struct Together<'a, T> {
+pub(crate) struct BoxHypothesis<'a, T> {
     /// Of each frame the face that fits; `None` where the box is told by the others.
     pub faces: OneEach<'a>,
     /// What they make together.
@@ -224,10 +226,10 @@ pub(crate) struct Together<'a, T> {
 /// do share sides; `same` says of two results whether they are one box. A frame may also show a face that could not be measured or
 /// was not tried: then the others make the box. The two likeliest boxes, fewer if fewer agree.
 pub(crate) fn likeliest_boxes<'a, T>(
-    seen: &[Option<&'a Seen>],
+    seen: &[Option<&'a FaceHypotheses>],
     mut put_together: impl FnMut(&[Option<&'a FaceMeasurement>]) -> Option<T>,
     same: impl Fn(&T, &T) -> bool,
-) -> Vec<Together<'a, T>> {
+) -> Vec<BoxHypothesis<'a, T>> {
     let of_frames: Vec<Vec<State<'a>>> = seen.iter().map(|seen| states(*seen)).collect();
     let mut all: Vec<Vec<State<'a>>> = vec![Vec::new()];
     for states in &of_frames {
@@ -261,7 +263,7 @@ pub(crate) fn likeliest_boxes<'a, T>(
             ways.entry(key).or_insert_with(|| (0.0, faces())).0 += prior * likelihood;
         }
     }
-    let mut boxes: Vec<Together<'a, T>> = Vec::new();
+    let mut boxes: Vec<BoxHypothesis<'a, T>> = Vec::new();
     let mut ways: Vec<_> = ways.into_values().map(|(weight, faces)| (weight / total, faces)).collect();
     ways.retain(|(probability, _)| *probability >= LEAST);
     ways.sort_by(|a, b| b.0.total_cmp(&a.0));
@@ -269,7 +271,7 @@ pub(crate) fn likeliest_boxes<'a, T>(
         let Some(agreed) = put_together(&faces) else { continue };
         match boxes.iter_mut().find(|known| same(&known.agreed, &agreed)) {
             Some(known) => known.probability += probability,
-            None => boxes.push(Together { faces, agreed, probability }),
+            None => boxes.push(BoxHypothesis { faces, agreed, probability }),
         }
     }
     boxes.sort_by(|a, b| b.probability.total_cmp(&a.probability));
@@ -282,9 +284,9 @@ mod tests {
     use super::*;
 
     /// Lines of the two pairs with their probabilities; all outlines are tried in one raster.
-    fn tried(lines: [usize; 2], told: [f64; 2], length_mm: f64, width_mm: f64) -> Tried {
+    fn tried(lines: [usize; 2], told: [f64; 2], length_mm: f64, width_mm: f64) -> MeasuredOutline {
         let pair = |i: usize| Pair { lines: [lines[i], 0], probability: told[i] };
-        Tried {
+        MeasuredOutline {
             probability: told[0] * told[1],
             pairs: [pair(0), pair(1)],
             sides_mm: [length_mm, width_mm],
@@ -292,12 +294,15 @@ mod tests {
         }
     }
 
-    fn failed(lines: [usize; 2], told: [f64; 2]) -> Tried {
-        Tried { face: Err(Reject::RectangleOpen { sides_found: 3 }), ..tried(lines, told, 400.0, 200.0) }
+    fn failed(lines: [usize; 2], told: [f64; 2]) -> MeasuredOutline {
+        MeasuredOutline {
+            face: Err(Reject::RectangleOpen { sides_found: 3 }),
+            ..tried(lines, told, 400.0, 200.0)
+        }
     }
 
-    fn seen(outlines: Vec<Tried>) -> Seen {
-        Seen { alternatives: weighed(outlines, |_| 1.0), unsure: None, overlap: 0.0 }
+    fn seen(outlines: Vec<MeasuredOutline>) -> FaceHypotheses {
+        FaceHypotheses { faces: weighed(outlines, |_| 1.0), unsure: None, overlap: 0.0 }
     }
 
     /// Two frames show both long faces of a box with a square end. In one of them a line inside the face is likelier than the side: then the box
@@ -369,7 +374,7 @@ mod tests {
         let mut face = seen(vec![tried([0, 0], [0.9, 0.9], 900.0, 600.0)]);
         face.unsure = Some(unsure.clone());
         assert_eq!(face.face().unwrap_err().reason(), unsure.reason());
-        face.alternatives[0].face = Err(too_far.clone());
+        face.faces[0].face = Err(too_far.clone());
         assert_eq!(face.face().unwrap_err().reason(), too_far.reason());
     }
 
@@ -384,12 +389,12 @@ mod tests {
         all.then(|| format!("{sides:?}"))
     }
 
-    fn likeliest<'a>(seen: &[Option<&'a Seen>]) -> Option<Together<'a, String>> {
+    fn likeliest<'a>(seen: &[Option<&'a FaceHypotheses>]) -> Option<BoxHypothesis<'a, String>> {
         likeliest_boxes(seen, share_sides, |a, b| a == b).into_iter().next()
     }
 
     /// A face whose width lies between one pair of lines or another.
-    fn doubtful(first: (f64, f64), second: (f64, f64)) -> Seen {
+    fn doubtful(first: (f64, f64), second: (f64, f64)) -> FaceHypotheses {
         let of = |line: usize, (told, width): (f64, f64)| tried([0, line], [1.0, told], 400.0, width);
         seen(vec![of(0, first), of(1, second)])
     }

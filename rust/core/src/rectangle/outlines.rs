@@ -14,7 +14,7 @@ use crate::view::SideOdds;
 
 /// One of the outlines.
 #[derive(Clone, Debug)]
-pub(crate) struct Rival {
+pub(crate) struct OutlineHypothesis {
     pub outline: RoughRectangle,
     /// That all four sides are right.
     pub probability: f64,
@@ -55,7 +55,7 @@ struct Choice {
 }
 
 /// The outlines, likeliest first. `wide` are the stripes followed as far as they go. `None` if the raster does not see the stripes.
-pub(crate) fn rivals(
+pub(crate) fn outlines(
     frame: &Frame,
     calibration: &Calibration,
     wide: &FaceStripes,
@@ -63,7 +63,7 @@ pub(crate) fn rivals(
     asked: Option<&Asked<'_>>,
     seen: Option<&(ViewAxes, SideOdds)>,
     lit: &LitLines,
-) -> Option<Vec<Rival>> {
+) -> Option<Vec<OutlineHypothesis>> {
     let raster = outline.raster.on(&wide.fit.plane);
     let evidence = Evidence { frame, calibration, raster: &raster, outline, asked, wide, seen, lit };
     let lines = if asked.is_some() { evidence.of_sides(&outline.offsets_mm)? } else { evidence.settled()? };
@@ -97,7 +97,7 @@ pub(crate) fn rivals(
             probability: choice(low).probability * choice(low + 1).probability,
         };
         let offsets_mm = [0, 1, 2, 3].map(|side| choice(side).offset_mm);
-        Rival {
+        OutlineHypothesis {
             outline: RoughRectangle { offsets_mm, lines: weighted.clone(), ..outline.clone() },
             probability,
             pairs: [pair(0), pair(2)],

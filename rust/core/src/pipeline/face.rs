@@ -1,0 +1,437 @@
+//! One frame: from the picture to the faces that it may show, each measured.
+
+use super::progress::Progress;
+use crate::calibration::Calibration;
+use crate::confidence;
+use crate::edges::{EdgeDetector, hough::HoughDetector, subpixel::GradientDetector};
+use crate::error::{Error, ErrorKind};
+use crate::face::end_outline::{cut_by_border, end_outline, ends_seen, limits};
+use crate::face::extent::{FaceStripes, InnerSegments, Sight, follow_stripes, inner_segments};
+use crate::face::map_outline::{MapOutline, map_outline, mask_at_border};
+use crate::face::outline::RoughRectangle;
+use crate::feasibility::{self, Hint};
+use crate::hypotheses::{FaceHypotheses, FaceHypothesis, MeasuredOutline, weighed};
+use crate::image::Frame;
+use crate::image::bands::band_maps;
+use crate::image::redness::{Diagonal, RidgeMap, faint_ridge_map, half_redness};
+use crate::measurement::{EdgeMethod, FaceMeasurement, FaceOutcome, Method, Settings, StageTimes};
+use crate::network::{Asked, Channel, EdgeMap, EdgeMapNetwork, FaceMaps, Network};
+use crate::rectangle;
+use crate::rectangle::hough_outline::hough_outline;
+use crate::rectangle::outlines::{OutlineHypothesis, Pair, outlines};
+use crate::rectangle::snap::snap_to_image;
+use crate::reject::Reject;
+use crate::scene::hidden::HiddenSides;
+use crate::scene::lit::LitLines;
+use crate::sides::ViewAxes;
+use crate::stripe::grid_search::{self, Evidence, GridHypothesis};
+use crate::units::{Estimate, LaserId};
+use crate::view::SideOdds;
+use std::sync::atomic::Ordering;
+
+/// Planes that are tried, strongest first.
+const PLANES: usize = 4;
+/// Share of each stripe between its ends that must be seen on the face's plane: more than half of it may be print ...
+const MIN_SEEN_SHARE: f64 = 0.4;
+/// ... one of the four may show this share on a face with known sides: by chance a line without a stripe shows 0.1 ...
+const MIN_SEEN_OF_ONE: f64 = 0.2;
+/// ... and share of its inner segment, which a line of big red letters can cover for the most part.
+const MIN_INNER_SHARE: f64 = 0.15;
+/// Robust scatter of the stripe centres in units of their own sigmas: more is no plane.
+const MAX_SCALE: f64 = 3.5;
+
+/// What a frame shows.
+pub(super) struct FrameResult {
+    pub hypotheses: Result<FaceHypotheses, Reject>,
+    /// For a view that cannot be measured: how to move.
+    pub hint: Option<Hint>,
+    pub times: StageTimes,
+}
+
+impl FrameResult {
+    /// By itself.
+    pub fn outcome(&self) -> FaceOutcome {
+        match self.hypotheses.as_ref().map_err(Clone::clone).and_then(FaceHypotheses::face) {
+            Ok(face) => FaceOutcome::Measured(Box::new(face.clone())),
+            Err(reject) => FaceOutcome::Rejected(reject),
+        }
+    }
+}
+
+/// Looks at one frame.
+pub(super) fn see_face(
+    frame: &Frame,
+    calibration: &Calibration,
+    settings: &Settings,
+) -> Result<FrameResult, Error> {
+    if frame.width_px() != calibration.width_px() as usize
+        || frame.height_px() != calibration.height_px() as usize
+    {
+        return Err(Error::new(
+            ErrorKind::CalibrationMismatch,
+            format!(
+                "the frame is {} x {} px, the calibration is for {} x {} px",
+                frame.width_px(),
+                frame.height_px(),
+                calibration.width_px(),
+                calibration.height_px()
+            ),
+        ));
+    }
+    check_cancelled(settings)?;
+    let mut progress = Progress::new();
+    let asked = asked_network(settings).map(|network| Asked::new(network, frame)).transpose()?;
+    let edge_map = paper_network(settings).map(|network| network.edge_map(frame)).transpose()?;
+    progress.lap("network");
+    check_cancelled(settings)?;
+    let task = Task { frame, calibration, settings, asked: asked.as_ref(), edge_map: edge_map.as_ref() };
+    let seen = face_stages(&task, &mut progress);
+    check_cancelled(settings)?; // what was cut short is no result
+    asked.map_or(Ok(()), Asked::finish)?;
+    let seen = seen.map(|mut seen| {
+        for hypothesis in &mut seen.faces {
+            if let Ok(face) = &hypothesis.face
+                && let Some(reject) = feasibility::too_far(calibration, face.corners)
+            {
+                hypothesis.face = Err(reject);
+            }
+        }
+        seen
+    });
+    let hint = match seen.as_ref().map_err(Clone::clone).and_then(FaceHypotheses::face) {
+        Ok(_) => None,
+        Err(reject) => Hint::new(calibration, progress.pose.as_ref(), &reject),
+    };
+    Ok(FrameResult { hypotheses: seen, hint, times: progress.times })
+}
+
+fn is_cancelled(settings: &Settings) -> bool {
+    settings.cancelled.is_some_and(|cancelled| cancelled.load(Ordering::Relaxed))
+}
+
+fn check_cancelled(settings: &Settings) -> Result<(), Error> {
+    if is_cancelled(settings) { Err(Error::new(ErrorKind::Cancelled, "cancelled")) } else { Ok(()) }
+}
+
+/// The network, if this way of finding edges asks one.
+fn asked_network<'a>(settings: &Settings<'a>) -> Option<&'a dyn Network> {
+    settings.network.filter(|_| settings.edges != EdgeMethod::Gradient && paper_network(settings).is_none())
+}
+
+/// The paper's network, if this way of finding edges asks it.
+fn paper_network<'a>(settings: &Settings<'a>) -> Option<&'a dyn EdgeMapNetwork> {
+    settings.edge_map.filter(|_| settings.edges == EdgeMethod::Hough)
+}
+
+/// What every stage gets.
+#[derive(Clone, Copy)]
+struct Task<'a> {
+    frame: &'a Frame,
+    calibration: &'a Calibration,
+    settings: &'a Settings<'a>,
+    asked: Option<&'a Asked<'a>>,
+    /// The paper's map.
+    edge_map: Option<&'a EdgeMap>,
+}
+
+fn face_stages(task: &Task, progress: &mut Progress) -> Result<FaceHypotheses, Reject> {
+    let Task { frame, calibration, asked, .. } = *task;
+    let maps = asked.map(|asked| &asked.maps);
+    let diagonals = grid_search::diagonals(calibration);
+    let ridges = band_maps(frame, diagonals);
+    progress.lap("ridge");
+    let planes =
+        grid_search::find_planes(calibration, &evidence(&ridges, maps), grid_search::IN_RIDGES, PLANES);
+    progress.lap("grid");
+    let refusal = match measure_on_planes(task, &planes, Sight::Clear, progress) {
+        Ok(seen) => return Ok(seen),
+        // Whether a stripe is dark or misses the face is told by the other three.
+        Err(Some(reject)) if !matches!(reject, Reject::NoBox { .. } | Reject::StripeNotFound { .. }) => {
+            return Err(reject);
+        }
+        Err(refusal) => refusal,
+    };
+    let missing = grid_search::three_stripes(calibration, &ridges[0], &ridges[1]);
+    progress.lap("grid");
+    if let Some(laser) = missing {
+        return Err(Reject::StripeMissing { laser, stripes_on_face: 3 });
+    }
+    let seen = progress.pose.take();
+    let (width, height, redness) = half_redness(frame);
+    let faint = diagonals.map(|d: Diagonal| faint_ridge_map(width, height, &redness, d));
+    let evidence = evidence(&faint, maps);
+    let planes = grid_search::find_planes(calibration, &evidence, grid_search::IN_FAINT_RIDGES, PLANES);
+    let planes: Vec<GridHypothesis> =
+        planes.iter().map(|plane| grid_search::climb(calibration, &evidence, plane)).collect();
+    progress.lap("faint");
+    measure_on_planes(task, &planes, Sight::Faint, progress).map_err(|faint| {
+        progress.pose = progress.pose.take().or(seen);
+        faint.or(refusal).unwrap_or_else(|| no_box(0.0))
+    })
+}
+
+/// What speaks for each laser's stripe.
+fn evidence<'a>(ridges: &'a [RidgeMap; 2], maps: Option<&FaceMaps>) -> [Evidence<'a>; 4] {
+    LaserId::ALL.map(|id| {
+        let ridge = &ridges[id.index() / 2];
+        maps.map_or_else(|| Evidence::ridge(ridge), |maps| Evidence::with_network(ridge, maps, id))
+    })
+}
+
+/// The strongest of the planes on which a face can be measured, however unsure it is: who tries until one is sure finds one that is wrong.
+/// Else why the strongest cannot, if there is one.
+fn measure_on_planes(
+    task: &Task,
+    planes: &[GridHypothesis],
+    sight: Sight,
+    progress: &mut Progress,
+) -> Result<FaceHypotheses, Option<Reject>> {
+    let mut refusal: Option<(f32, Reject)> = None;
+    let mut pose = None;
+    for hypothesis in planes.iter().take_while(|_| !is_cancelled(task.settings)) {
+        progress.pose = None;
+        match measure_on_plane(task, hypothesis, sight, progress) {
+            Ok(seen) => return Ok(seen),
+            Err(reject) => {
+                if refusal.as_ref().is_none_or(|(total, _)| hypothesis.total() > *total) {
+                    refusal = Some((hypothesis.total(), reject));
+                    pose = progress.pose;
+                }
+            }
+        }
+    }
+    progress.pose = pose;
+    Err(refusal.map(|(_, reject)| reject))
+}
+
+fn measure_on_plane(
+    task: &Task,
+    hypothesis: &GridHypothesis,
+    sight: Sight,
+    progress: &mut Progress,
+) -> Result<FaceHypotheses, Reject> {
+    let Task { frame, calibration, .. } = *task;
+    let inner = inner_segments(frame, calibration, &hypothesis.plane, sight);
+    progress.lap("stripes");
+    let inner = inner.ok_or_else(|| no_box(0.0))?;
+    let wide = follow_stripes(frame, calibration, &inner, None);
+    progress.lap("stripes");
+    match task.edge_map {
+        Some(map) => measure_in_edge_map(task, &inner, &wide.ok_or_else(|| no_box(0.0))?, map, progress),
+        None => measure_outlines(task, &inner, wide.as_ref(), progress),
+    }
+}
+
+/// Measures the face whose sides the paper's map shows.
+fn measure_in_edge_map(
+    task: &Task,
+    inner: &InnerSegments,
+    wide: &FaceStripes,
+    map: &EdgeMap,
+    progress: &mut Progress,
+) -> Result<FaceHypotheses, Reject> {
+    let Task { frame, calibration, .. } = *task;
+    let rough = hough_outline(frame, calibration, &wide.fit.plane, map);
+    progress.lap("outline");
+    let mut rough = rough.map_err(|open| cut_by_border(frame, wide).unwrap_or(open))?;
+    progress.see(&rough.raster, &rough.offsets_mm);
+    let limits = limits(calibration, &rough.raster, &rough.offsets_mm, rough.mm_per_px);
+    let face = follow_stripes(frame, calibration, inner, limits.as_ref());
+    progress.lap("stripes");
+    let face = face.ok_or_else(|| no_box(0.0))?;
+    check_stripes(&face, limits.is_some())?;
+    rough.raster = rough.raster.on(&face.fit.plane);
+    rough.at_ends = ends_seen(calibration, &face, &rough.raster).unwrap_or(rough.at_ends);
+    let face = measure_rough(task, &face, &rough, progress)?;
+    Ok(FaceHypotheses { faces: vec![FaceHypothesis::only(face)], unsure: None, overlap: 0.0 })
+}
+
+/// Measures the face along the outlines that it may have.
+fn measure_outlines(
+    task: &Task,
+    inner: &InnerSegments,
+    wide: Option<&FaceStripes>,
+    progress: &mut Progress,
+) -> Result<FaceHypotheses, Reject> {
+    let Task { frame, calibration, asked, .. } = *task;
+    let (outline, overlap) = first_outline(task, inner, wide, progress)?;
+    let wide = wide.ok_or_else(|| no_box(0.0))?;
+    let seen = asked.and_then(|asked| seen_in_plane(calibration, wide, &outline, asked));
+    progress.lap("sides");
+    let lit = LitLines::of(frame, calibration, wide);
+    let outlines = outlines(frame, calibration, wide, &outline, asked, seen.as_ref(), &lit)
+        .ok_or_else(|| no_box(0.0))?;
+    progress.lap("outline");
+    let best = outlines.first().ok_or(Reject::RectangleOpen { sides_found: 0 })?;
+    progress.see(&best.outline.raster, &best.outline.offsets_mm);
+    let mut free = 1.0;
+    if let Some((_, odds)) = &seen {
+        let hidden = HiddenSides::of(frame, calibration, wide, &best.outline, odds);
+        progress.lap("outline");
+        if let Some(reject) = hidden.refusal(calibration, &best.outline) {
+            return Err(reject);
+        }
+        free = hidden.chance_that_free();
+    }
+    let measured = outlines.iter().map(|OutlineHypothesis { outline, probability, pairs }| MeasuredOutline {
+        probability: free * probability,
+        pairs: pairs.map(|pair| Pair { probability: free * pair.probability, ..pair }),
+        sides_mm: [1, 3].map(|high| outline.offsets_mm[high] - outline.offsets_mm[high - 1]),
+        face: measure_outline(task, inner, outline, progress).map(|face| {
+            let light = lit.of_sides(calibration, outline, &face);
+            Box::new(FaceMeasurement { light: Some(light), ..face })
+        }),
+    });
+    let faces = weighed(measured.collect(), |face| located([&face.length, &face.width], task.settings));
+    // A plane on which no outline can be measured is none.
+    if faces.iter().all(|a| a.face.is_err())
+        && let Some(FaceHypothesis { face: Err(reject), .. }) = faces.first()
+    {
+        return Err(reject.clone());
+    }
+    let likeliest = faces.first().and_then(|a| a.face.as_ref().ok()?.confidence).unwrap_or(0.0);
+    let unsure = (likeliest < task.settings.least_confidence).then(|| unclear(task, likeliest, overlap));
+    Ok(FaceHypotheses { faces, unsure, overlap })
+}
+
+/// The first outline, to some px: in the network's maps, or where the stripes end; and its overlap with the network's mask.
+fn first_outline(
+    task: &Task,
+    inner: &InnerSegments,
+    wide: Option<&FaceStripes>,
+    progress: &mut Progress,
+) -> Result<(RoughRectangle, f64), Reject> {
+    let Task { frame, calibration, asked, .. } = *task;
+    let Some(Asked { maps, .. }) = asked else {
+        let wide = wide.ok_or_else(|| no_box(0.0))?;
+        check_stripes(wide, false)?;
+        let outline = end_outline(frame, calibration, wide);
+        progress.lap("outline");
+        return Ok((outline?, 0.0));
+    };
+    let outline = map_outline(calibration, &inner.plane, maps);
+    progress.lap("outline");
+    let overlap = outline.as_ref().map_or(0.0, |outline| outline.overlap);
+    match outline.filter(|_| overlap >= LEAST_OVERLAP) {
+        Some(MapOutline { rough, overlap }) => Ok((rough, f64::from(overlap))),
+        // Why: a face that leaves the image has no outline.
+        None => Err(wide
+            .and_then(|face| cut_by_border(frame, face))
+            .unwrap_or_else(|| unclear(task, 0.0, f64::from(overlap)))),
+    }
+}
+
+/// What the network of sides says of the face, seen in the plane of its stripes.
+fn seen_in_plane(
+    calibration: &Calibration,
+    wide: &FaceStripes,
+    outline: &RoughRectangle,
+    asked: &Asked<'_>,
+) -> Option<(ViewAxes, SideOdds)> {
+    let axes = ViewAxes::of(calibration, outline.raster.on(&wide.fit.plane))?;
+    let odds = asked.sides(&axes.view(&asked.small(), calibration))?;
+    Some((axes, odds))
+}
+
+/// Measures the face along one outline.
+fn measure_outline(
+    task: &Task,
+    inner: &InnerSegments,
+    outline: &RoughRectangle,
+    progress: &mut Progress,
+) -> Result<FaceMeasurement, Reject> {
+    let Task { frame, calibration, .. } = *task;
+    let limits = limits(calibration, &outline.raster, &outline.offsets_mm, outline.mm_per_px);
+    let face = follow_stripes(frame, calibration, inner, limits.as_ref());
+    progress.lap("stripes");
+    let face = face.ok_or_else(|| no_box(0.0))?;
+    check_stripes(&face, limits.is_some())?;
+    let rough = snap_to_image(frame, calibration, &face, outline);
+    progress.lap("sides");
+    let rough = rough?;
+    // All stripes go on in the plane beyond all sides: a tile of a floor, a panel of a wall, a field of print.
+    if !rough.at_ends.contains(&true) {
+        return Err(Reject::RectangleOpen { sides_found: 0 });
+    }
+    measure_rough(task, &face, &rough, progress)
+}
+
+/// Finds the edges beside a rough rectangle and fits it.
+fn measure_rough(
+    task: &Task,
+    face: &FaceStripes,
+    rough: &RoughRectangle,
+    progress: &mut Progress,
+) -> Result<FaceMeasurement, Reject> {
+    let Task { frame, calibration, settings, asked, edge_map, .. } = *task;
+    let hough = HoughDetector {
+        map: edge_map.map(EdgeMap::view).or_else(|| asked.map(|asked| asked.maps.view(Channel::FaceEdge))),
+        stripes_on: edge_map.map(|_| &face.fit.plane),
+    };
+    let detector: &dyn EdgeDetector = match settings.edges {
+        EdgeMethod::Net | EdgeMethod::Gradient => &GradientDetector,
+        EdgeMethod::Hough => &hough,
+    };
+    let keep_out = rectangle::keep_out(calibration, face, rough);
+    let edges = detector.edge_points(frame, calibration, rough, &keep_out);
+    progress.lap("edges");
+    let result = rectangle::measure(frame, calibration, face, rough, &edges, settings);
+    progress.lap("fit");
+    result
+}
+
+/// Overlap of the outline with the network's mask below which the maps show no face here; right outlines of rendered boxes have 0.7
+/// and more.
+const LEAST_OVERLAP: f32 = 0.5;
+
+/// The refusal of a face whose outline is not clear.
+fn unclear(task: &Task, probability: f64, overlap: f64) -> Reject {
+    match task.asked.and_then(|asked| mask_at_border(&asked.maps)) {
+        Some((sides_cut, at)) => Reject::FaceCutByBorder { sides_cut, at },
+        None => unsure(probability, task.settings, overlap),
+    }
+}
+
+/// The refusal of a result that is not likely enough to be right.
+pub(super) fn unsure(probability: f64, settings: &Settings, overlap: f64) -> Reject {
+    Reject::OutlineUnsure {
+        support: probability,
+        needed_support: settings.least_confidence,
+        overlap,
+        needed_overlap: f64::from(LEAST_OVERLAP),
+    }
+}
+
+/// Probability that sides along the right lines are right. The paper's key points have wide sigmas and are shown as the paper has them.
+pub(super) fn located<'a>(sides: impl IntoIterator<Item = &'a Estimate>, settings: &Settings) -> f64 {
+    let weighs_sigma = settings.method == Method::Fit && settings.edges != EdgeMethod::Hough;
+    if weighs_sigma { confidence::located(sides) } else { 1.0 }
+}
+
+/// Every stripe must be seen on the plane, and the centres must scatter as they should.
+///
+/// Where the sides are known already, all of the stripe counts, not only what lies between its ends.
+fn check_stripes(face: &FaceStripes, sides_known: bool) -> Result<(), Reject> {
+    let seen = face.stripes.each_ref().map(|s| {
+        let seen = if sides_known { s.whole_share } else { s.seen_share };
+        seen.min(s.inner_share / MIN_INNER_SHARE * MIN_SEEN_SHARE)
+    });
+    let least = seen.iter().copied().fold(f64::INFINITY, f64::min);
+    let planar = face.fit.scale <= MAX_SCALE;
+    let mut unseen = LaserId::ALL.into_iter().filter(|id| seen[id.index()] < MIN_SEEN_SHARE);
+    match (unseen.next(), unseen.next()) {
+        (None, _) if planar => Ok(()),
+        // Dark print hides most of one stripe; the other three hold the plane.
+        (Some(laser), None) if planar && sides_known && seen[laser.index()] >= MIN_SEEN_OF_ONE => Ok(()),
+        (Some(laser), None) if planar => Err(Reject::StripeNotFound {
+            laser,
+            seen_share: seen[laser.index()],
+            needed_share: MIN_SEEN_SHARE,
+        }),
+        _ => Err(no_box(least)),
+    }
+}
+
+fn no_box(best_share: f64) -> Reject {
+    Reject::NoBox { best_share, needed_share: MIN_SEEN_SHARE }
+}
