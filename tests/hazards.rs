@@ -62,7 +62,7 @@ fn real_photographs() {
     folders.sort();
     let recordings: Vec<Recorded> = folders.iter().map(|folder| Recorded::read_from(folder)).collect();
     // Where the truth was clicked, lines are judged, not millimetres.
-    assert!(recordings.iter().all(|r| r.truth.faces.iter().all(|face| face.clicked_px.is_some())));
+    assert!(recordings.iter().all(|r| r.truth.faces.iter().all(|face| face.notes.click_px.is_some())));
     assert!(wrong_faces(&recordings).is_empty());
 }
 

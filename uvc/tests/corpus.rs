@@ -2,6 +2,8 @@
 //! `REGENERATE=1` writes the seeds anew.
 #![allow(clippy::unwrap_used)] // the helpers of tests are tests
 
+#[path = "support/corpus.rs"]
+mod corpus;
 #[path = "support/hostile.rs"]
 mod hostile;
 mod support;
@@ -14,17 +16,8 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-const SPOILT: u64 = 3000;
-
 fn folder(target: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus").join(target)
-}
-
-fn files_in(folder: &Path) -> Vec<PathBuf> {
-    let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
-    let mut files: Vec<_> = entries.filter(|path| path.is_file()).collect();
-    files.sort();
-    files
 }
 
 /// Descriptors of real cameras, which lie beside the tree.
@@ -35,46 +28,12 @@ fn real_cameras() -> Vec<PathBuf> {
         writeln!(stdout, "SKIPPED real cameras: {} is not there", folder.display()).unwrap();
         return Vec::new();
     }
-    let all = [files_in(&folder), files_in(&folder.join("broken"))].concat();
+    let all = [corpus::files_in(&folder), corpus::files_in(&folder.join("broken"))].concat();
     all.into_iter().filter(|file| file.metadata().unwrap().len() > 0).collect()
 }
 
-/// `beside`: seeds that lie elsewhere.
 fn run(target: &str, seeds: Vec<(String, Vec<u8>)>, beside: Vec<PathBuf>, check: fn(&[u8])) {
-    let folder = folder(target);
-    if std::env::var_os("REGENERATE").is_some() {
-        std::fs::create_dir_all(&folder).unwrap();
-        for (name, bytes) in seeds {
-            std::fs::write(folder.join(name), bytes).unwrap();
-        }
-    }
-    let mut files = files_in(&folder);
-    assert!(!files.is_empty(), "no seeds in {}", folder.display());
-    files.extend(beside);
-    for file in files {
-        let seed = std::fs::read(&file).unwrap();
-        check(&seed);
-        let mut draw = 0x9E37_79B9_7F4A_7C15u64;
-        let mut random = |most: usize| {
-            draw ^= draw << 13;
-            draw ^= draw >> 7;
-            draw ^= draw << 17;
-            draw as usize % most
-        };
-        for _ in 0..SPOILT {
-            let mut bytes = seed.clone();
-            for _ in 0..=random(4) {
-                let at = random(bytes.len());
-                match random(4) {
-                    0 => bytes[at] = random(256) as u8,
-                    1 => bytes[at] ^= 1 << random(8),
-                    2 => bytes.truncate(at + 1),
-                    _ => bytes.insert(at, [0, 1, 0x7F, 0x80, 0xFF][random(5)]),
-                }
-            }
-            check(&bytes);
-        }
-    }
+    corpus::run(&folder(target), seeds, beside, check);
 }
 
 #[test]

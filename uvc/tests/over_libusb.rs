@@ -536,18 +536,12 @@ fn ten_thousand_frames_with_faults_are_whole_or_counted() {
     const SMALL: usize = 40_000;
     for pipe in [Pipe::Bulk, Pipe::Isochronous] {
         // The same faults in each run: the numbers come from a generator with a fixed start.
-        let mut draw = 0x1234_5678_9ABC_DEF0u64;
-        let mut random = move || {
-            draw ^= draw << 13;
-            draw ^= draw >> 7;
-            draw ^= draw << 17;
-            draw
-        };
+        let mut random = fastrand::Rng::with_seed(7);
         let mut spoilt = BTreeMap::new();
         for number in 1..FRAMES - 2 {
             // Of the 5 %, four fifths by the head.
-            if random() % 1000 < 40 {
-                spoilt.insert(number, FAULTS[random() as usize % FAULTS.len()]);
+            if random.u32(..1000) < 40 {
+                spoilt.insert(number, FAULTS[random.usize(..FAULTS.len())]);
             }
         }
         let spoilt_frames = spoilt.len() as u64;
@@ -567,7 +561,7 @@ fn ten_thousand_frames_with_faults_are_whole_or_counted() {
         let plan = Plan {
             // About 1 % of the frames, which have about two blocks each; none at the ends, where they could not be missed.
             finish: Box::new(move |n| {
-                let hit = (10..12_000).contains(&n) && random() % 200 == 0;
+                let hit = (10..12_000).contains(&n) && random.u32(..200) == 0;
                 hit.then(|| kinds[counted.fetch_add(1, Ordering::SeqCst) as usize % kinds.len()])
             }),
             ..Plan::default()

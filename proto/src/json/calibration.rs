@@ -2,58 +2,68 @@
 //! `covariance`, of fx, fy, cx, cy, k1, k2 and the four planes as `p . X = 1`, p = -(a, b, c) / d in 1/mm, 18 x 18, or with p1, p2, k3
 //! after them 21 x 21; `residuals` and `provenance`, which `boxline calibrate` writes for people and nothing reads.
 
-use super::field::Field;
 use super::file;
-use super::syntax::parse_json;
+use super::syntax::{Object, field_error, read, text};
 use boxline::calib::{CalibrationCovariance, PAPER_PARAMETERS, PARAMETERS};
 use boxline::{Calibration, CameraModel, Error, ErrorKind, LaserId};
+use serde::Deserialize;
 use serde_json::{Value, json};
 use std::path::Path;
 
 const FORMAT: &str = "boxline-calibration/1";
+
+#[derive(Deserialize)]
+struct File {
+    #[serde(deserialize_with = "text")]
+    serial: String,
+    image_size: [u32; 2],
+    camera: Object<Camera>,
+    laser_planes: [[f64; 4]; 4],
+    covariance: Option<Vec<Vec<f64>>>,
+}
+
+#[derive(Deserialize)]
+struct Camera {
+    fx: f64,
+    fy: f64,
+    skew: f64,
+    cx: f64,
+    cy: f64,
+    k1: f64,
+    k2: f64,
+    p1: Option<f64>,
+    p2: Option<f64>,
+    k3: Option<f64>,
+}
 
 /// Reads a calibration from bytes; `name` (a file, a device) goes into the errors.
 ///
 /// # Errors
 /// [`ErrorKind::InvalidCalibration`], naming `name` and the field.
 pub fn parse_calibration(bytes: &[u8], name: &str) -> Result<Calibration, Error> {
-    let value = parse_json(bytes, name, ErrorKind::InvalidCalibration)?;
-    let root = Field::root(&value, name, ErrorKind::InvalidCalibration);
-    root.check_format(FORMAT)?;
-    let camera = root.get("camera")?;
-    let number = |key: &str| camera.get(key)?.number();
-    let term = |key: &str| camera.optional(key)?.map_or(Ok(0.0), |field| field.number());
-    let camera = CameraModel {
-        fx: number("fx")?,
-        fy: number("fy")?,
-        skew: number("skew")?,
-        cx: number("cx")?,
-        cy: number("cy")?,
-        k1: number("k1")?,
-        k2: number("k2")?,
-        p1: term("p1")?,
-        p2: term("p2")?,
-        k3: term("k3")?,
-    };
-    let serial = root.get("serial")?.text()?;
-    let image_size_px = root.get("image_size")?.array(Field::count)?;
-    let laser_planes = root.get("laser_planes")?.array(Field::numbers)?;
+    let kind = ErrorKind::InvalidCalibration;
+    let File { serial, image_size, camera: Object(camera), laser_planes, covariance } =
+        read(bytes, name, kind, Some(FORMAT))?;
+    let Camera { fx, fy, skew, cx, cy, k1, k2, p1, p2, k3 } = camera;
+    let [p1, p2, k3] = [p1, p2, k3].map(Option::unwrap_or_default);
+    let camera = CameraModel { fx, fy, skew, cx, cy, k1, k2, p1, p2, k3 };
     let calibration =
-        Calibration::new(serial, image_size_px, camera, laser_planes).map_err(|e| e.in_context(name))?;
-    let Some(covariance) = root.optional("covariance")? else { return Ok(calibration) };
-    let rows = covariance.list()?;
-    let size = if rows.len() == PAPER_PARAMETERS { PAPER_PARAMETERS } else { PARAMETERS };
-    let mut values = CalibrationCovariance::zeros();
-    if rows.len() != size {
-        return Err(covariance.wrong("a list of 18 or 21"));
+        Calibration::new(&serial, image_size, camera, laser_planes).map_err(|e| e.in_context(name))?;
+    let Some(rows) = covariance else { return Ok(calibration) };
+    let needed = |path: &str, found: usize, needed: &str| {
+        field_error(kind, name, path, format_args!("found a list of {found}, a list of {needed} is needed"))
+    };
+    let size = rows.len();
+    if ![PAPER_PARAMETERS, PARAMETERS].contains(&size) {
+        return Err(needed("covariance", size, "18 or 21"));
     }
+    let mut values = CalibrationCovariance::zeros();
     for (i, row) in rows.iter().enumerate() {
-        let row = row.list()?;
         if row.len() != size {
-            return Err(rows[i].wrong(&format!("a list of {size}")));
+            return Err(needed(&format!("covariance[{i}]"), row.len(), &size.to_string()));
         }
         for (j, value) in row.iter().enumerate() {
-            values[(i, j)] = value.number()?;
+            values[(i, j)] = *value;
         }
     }
     calibration.with_covariance(values).map_err(|e| e.in_context(name))

@@ -5,7 +5,6 @@
 //! wrong length are errors of the form `file: field: found, needed`. Files over 64 MB are refused unread.
 
 mod calibration;
-mod field;
 mod file;
 mod recording;
 mod report;

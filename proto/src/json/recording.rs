@@ -1,18 +1,17 @@
 //! `recording.json`, format `boxline-recording/1`: which frames a folder holds and which calibration belongs to them.
 
-use super::field::Field;
 use super::file;
-use super::syntax::parse_json;
+use super::syntax::{Object, field_error, read, text};
 use boxline::{Error, ErrorKind};
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::path::{Component, Path, PathBuf};
 
 const FORMAT: &str = "boxline-recording/1";
-const ROLES: [(&str, Role); 2] = [("face", Role::Face), ("board", Role::Board)];
-const LASERS: [(&str, Laser); 2] = [("on", Laser::On), ("off", Laser::Off)];
 
 /// What a frame shows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Role {
     /// One face of a box.
     Face,
@@ -21,7 +20,8 @@ pub enum Role {
 }
 
 /// Whether the lasers were on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Laser {
     /// All four on.
     On,
@@ -85,34 +85,49 @@ pub fn read_recording(folder: &Path) -> Result<Recording, Error> {
     parse_recording(&file::read(&path)?, &path.display().to_string(), folder)
 }
 
+#[derive(Deserialize)]
+struct File {
+    device: Object<Device>,
+    calibration: String,
+    frames: Vec<Object<Frame>>,
+}
+
+#[derive(Deserialize)]
+struct Device {
+    #[serde(deserialize_with = "text")]
+    serial: String,
+}
+
+#[derive(Deserialize)]
+struct Frame {
+    #[serde(deserialize_with = "text")]
+    id: String,
+    file: String,
+    role: Role,
+    laser: Laser,
+}
+
 /// Reads a recording from bytes; `name` goes into the errors, `folder` in front of the paths.
 ///
 /// # Errors
 /// [`ErrorKind::InvalidFile`], naming `name` and the field.
 pub fn parse_recording(bytes: &[u8], name: &str, folder: &Path) -> Result<Recording, Error> {
-    let value = parse_json(bytes, name, ErrorKind::InvalidFile)?;
-    let root = Field::root(&value, name, ErrorKind::InvalidFile);
-    root.check_format(FORMAT)?;
-    let serial = root.get("device")?.get("serial")?.text()?.to_owned();
-    let calibration_file = resolved(&root.get("calibration")?, folder)?;
+    let kind = ErrorKind::InvalidFile;
+    let File { device: Object(Device { serial }), calibration, frames: listed } =
+        read(bytes, name, kind, Some(FORMAT))?;
+    let resolved = |path: &str, field: &str| {
+        resolved_path(path, folder).map_err(|why| field_error(kind, name, field, why))
+    };
+    let calibration_file = resolved(&calibration, "calibration")?;
     let mut frames: Vec<RecordedFrame> = Vec::new();
-    for frame in root.get("frames")?.list()? {
-        let id = frame.get("id")?.text()?;
+    for (i, Object(Frame { id, file, role, laser })) in listed.into_iter().enumerate() {
         if frames.iter().any(|f| f.id == id) {
-            return Err(frame.get("id")?.error("another frame has the same id"));
+            return Err(field_error(kind, name, &format!("frames[{i}].id"), "another frame has the same id"));
         }
-        frames.push(RecordedFrame {
-            id: id.to_owned(),
-            file: resolved(&frame.get("file")?, folder)?,
-            role: frame.get("role")?.one_of(&ROLES)?,
-            laser: frame.get("laser")?.one_of(&LASERS)?,
-        });
+        let file = resolved(&file, &format!("frames[{i}].file"))?;
+        frames.push(RecordedFrame { id, file, role, laser });
     }
     Ok(Recording { folder: folder.to_owned(), serial, calibration_file, frames })
-}
-
-fn resolved(field: &Field<'_>, folder: &Path) -> Result<PathBuf, Error> {
-    resolved_path(field.text()?, folder).map_err(|why| field.error(why))
 }
 
 /// A path in a recording is relative to its folder and may leave it (`../calibration_set/calibration.json`). The error
@@ -141,8 +156,8 @@ pub fn recording_json(recording: &Recording) -> Result<Value, Error> {
         frames.push(json!({
             "id": frame.id,
             "file": recording.relative(&frame.file, &format!("frame {:?}", frame.id))?,
-            "role": name_of(&ROLES, frame.role),
-            "laser": name_of(&LASERS, frame.laser),
+            "role": frame.role,
+            "laser": frame.laser,
         }));
     }
     Ok(json!({
@@ -151,8 +166,4 @@ pub fn recording_json(recording: &Recording) -> Result<Value, Error> {
         "calibration": recording.relative(&recording.calibration_file, "calibration")?,
         "frames": frames,
     }))
-}
-
-fn name_of<T: PartialEq>(names: &[(&'static str, T)], value: T) -> Option<&'static str> {
-    names.iter().find(|(_, v)| *v == value).map(|(name, _)| *name)
 }

@@ -1,9 +1,10 @@
 //! `truth.json` (what the scene was; only for testing) and `board.json` (the calibration board).
 
-use super::field::Field;
 use super::file;
-use super::syntax::parse_json;
+use super::syntax::{Within, field_error, missing, positive, read, text, within};
 use boxline::{Error, ErrorKind};
+use serde::Deserialize;
+use serde::de::{Deserializer, Error as _, IgnoredAny};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -22,9 +23,10 @@ pub struct Truth {
 }
 
 /// What one frame shows.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 pub struct TruthFace {
     /// Id of the frame in the recording.
+    #[serde(deserialize_with = "text")]
     pub frame: String,
     /// Length and width of the face, mm, the longer first; `None` if no face is in view.
     pub size_mm: Option<[f64; 2]>,
@@ -33,27 +35,31 @@ pub struct TruthFace {
     /// The same corners in the camera frame, mm.
     pub corners_cam_mm: Option<[[f64; 3]; 4]>,
     /// Where stripe 1-4 crosses the two edges of the face, (u, v), in no promised order; absent if it does not.
+    #[serde(default, deserialize_with = "key_points")]
     pub key_points_px: BTreeMap<u8, [[f64; 2]; 2]>,
     /// Why the frame must be refused, in words.
     pub refuse: Option<String>,
     /// The light: `office`, `sun`, ...
     pub ambient: Option<String>,
     /// What is known of the scene beside the geometry.
+    #[serde(default)]
     pub notes: TruthNotes,
     /// Where the stripes end on the face and what lies beyond; empty if the file does not say.
+    #[serde(default)]
     pub stripe_ends: Vec<TruthEnd>,
     /// Lines parallel to a side that can be taken for it.
+    #[serde(default)]
     pub false_lines: Vec<TruthLine>,
     /// What an object before the face hides.
     pub hidden: Option<TruthHidden>,
     /// From the camera of the lit frame to that of its unlit twin; `None` if there is no twin, or the file does not say.
+    #[serde(default, rename = "off", deserialize_with = "twin")]
     pub cam_off_from_cam_on: Option<TruthMotion>,
-    /// The corners were clicked on a photograph, to so many px (`notes.click_px`): they tell lines, not millimetres.
-    pub clicked_px: Option<f64>,
 }
 
 /// Notes of one frame; a file need not have any.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(default)]
 pub struct TruthNotes {
     /// Hazards that were drawn, by name; `None` in files that know of none.
     pub hazards: Option<Vec<String>>,
@@ -66,13 +72,17 @@ pub struct TruthNotes {
     /// Rounding of the edges, mm.
     pub edge_radius_mm: Option<f64>,
     /// Outward bulge in the middle of the face that is looked at, mm.
+    #[serde(deserialize_with = "bulge")]
     pub bulge_mm: Option<f64>,
     /// From the innermost to the outermost place of each side's edge, mm; side k joins corners k and k + 1.
     pub wave_mm: Option<[f64; 4]>,
+    /// The corners were clicked on a photograph, to so many px: they tell lines, not millimetres.
+    pub click_px: Option<f64>,
 }
 
 /// What lies beyond a stripe's end, as the picture shows it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum EndClass {
     /// The stripe bends away from the head: the next face of the box.
     Convex,
@@ -92,25 +102,17 @@ pub enum EndClass {
     Occluded,
 }
 
-const END_CLASSES: [(&str, EndClass); 8] = [
-    ("convex", EndClass::Convex),
-    ("farther", EndClass::Farther),
-    ("nearer", EndClass::Nearer),
-    ("flush", EndClass::Flush),
-    ("concave", EndClass::Concave),
-    ("dark", EndClass::Dark),
-    ("border", EndClass::Border),
-    ("occluded", EndClass::Occluded),
-];
-
 /// One end of a stripe on the face.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 pub struct TruthEnd {
     /// 1 to 4.
+    #[serde(deserialize_with = "within::<_, _, 1, 4>")]
     pub stripe: u8,
     /// 0 or 1, in the order of the stripe's key points.
+    #[serde(deserialize_with = "within::<_, _, 0, 1>")]
     pub end: usize,
     /// Side k joins corners k and k + 1.
+    #[serde(deserialize_with = "within::<_, _, 0, 3>")]
     pub side: usize,
     /// What lies beyond.
     pub class: EndClass,
@@ -125,31 +127,37 @@ pub struct TruthEnd {
 }
 
 /// A straight line near a side and parallel to it.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Deserialize)]
 pub struct TruthLine {
     /// Side k joins corners k and k + 1.
+    #[serde(deserialize_with = "within::<_, _, 0, 3>")]
     pub side: usize,
     /// Distance from the side along the face, mm; outwards is positive.
     pub offset_mm: f64,
     /// What it is: `neighbour`, `fan_end`, or a word for print, tape, straps, seams.
+    #[serde(deserialize_with = "text")]
     pub kind: String,
 }
 
 /// What an object before the face hides of it.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(default)]
 pub struct TruthHidden {
     /// Sides, wholly or in part.
+    #[serde(deserialize_with = "sides")]
     pub sides: Vec<usize>,
     /// Corners.
+    #[serde(deserialize_with = "sides")]
     pub corners: Vec<usize>,
     /// Ends of stripes: stripe 1 to 4, end 0 or 1.
+    #[serde(deserialize_with = "ends")]
     pub stripe_ends: Vec<(u8, usize)>,
     /// How near the object comes to the face, mm.
     pub in_front_mm: Option<f64>,
 }
 
 /// A movement of the head: p_off = R p_on + t.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 pub struct TruthMotion {
     /// Rotation vector, mrad.
     pub rotation_mrad: [f64; 3],
@@ -172,170 +180,119 @@ pub fn read_truth(folder: &Path) -> Result<Option<Truth>, Error> {
 /// # Errors
 /// [`ErrorKind::InvalidFile`], naming `name` and the field.
 pub fn parse_truth(bytes: &[u8], name: &str) -> Result<Truth, Error> {
-    let value = parse_json(bytes, name, ErrorKind::InvalidFile)?;
-    let root = Field::root(&value, name, ErrorKind::InvalidFile);
-    // A calibration set's truth has board poses in place of faces.
-    let faces = if root.optional("board_poses")?.is_some() {
-        root.optional("faces")?
-    } else {
-        Some(root.get("faces")?)
-    };
-    let faces = faces.map_or(Ok(Vec::new()), |f| f.list())?;
-    Ok(Truth {
-        box_mm: root.optional("box_mm")?.map(|f| f.numbers()).transpose()?,
-        must_refuse: root.optional("must_refuse")?.map_or(Ok(false), |f| f.boolean())?,
-        faces: faces.iter().map(truth_face).collect::<Result<_, _>>()?,
-    })
-}
-
-fn truth_face(face: &Field<'_>) -> Result<TruthFace, Error> {
-    let text =
-        |key: &str| Ok::<_, Error>(face.optional(key)?.map(|f| f.text()).transpose()?.map(str::to_owned));
-    let mut key_points_px = BTreeMap::new();
-    let stripes = face.optional("key_points_px")?.map_or(Ok(Vec::new()), |f| f.entries())?;
-    for (key, points) in stripes {
-        let number = key.strip_prefix("stripe ").and_then(|n| n.parse().ok()).filter(|n| (1..=4).contains(n));
-        let number: u8 = number.ok_or_else(|| points.error("\"stripe 1\" to \"stripe 4\" are allowed"))?;
-        if !points.list()?.is_empty() {
-            key_points_px.insert(number, points.array(Field::numbers)?);
-        }
+    #[derive(Deserialize)]
+    struct File {
+        box_mm: Option<[f64; 3]>,
+        must_refuse: Option<bool>,
+        faces: Option<Vec<TruthFace>>,
+        board_poses: Option<IgnoredAny>,
     }
-    Ok(TruthFace {
-        frame: face.get("frame")?.text()?.to_owned(),
-        size_mm: face.optional("size_mm")?.map(|f| f.numbers()).transpose()?,
-        corners_px: face.optional("corners_px")?.map(|f| f.array(Field::numbers)).transpose()?,
-        corners_cam_mm: face.optional("corners_cam_mm")?.map(|f| f.array(Field::numbers)).transpose()?,
-        key_points_px,
-        refuse: text("refuse")?,
-        ambient: text("ambient")?,
-        notes: face.optional("notes")?.map_or(Ok(TruthNotes::default()), |f| notes(&f))?,
-        stripe_ends: list(face, "stripe_ends", stripe_end)?,
-        false_lines: list(face, "false_lines", false_line)?,
-        hidden: face.optional("hidden")?.map(|f| hidden(&f)).transpose()?,
-        cam_off_from_cam_on: match face.optional("off")? {
-            Some(off) => off.optional("cam_from_on")?.map(|f| motion(&f)).transpose()?,
-            None => None,
-        },
-        clicked_px: match face.optional("notes")? {
-            Some(notes) => notes.optional("click_px")?.map(|f| f.positive()).transpose()?,
-            None => None,
-        },
+    let file: File = read(bytes, name, ErrorKind::InvalidFile, None)?;
+    // A calibration set's truth has board poses in place of faces.
+    if file.faces.is_none() && file.board_poses.is_none() {
+        return Err(missing(ErrorKind::InvalidFile, name, "faces"));
+    }
+    Ok(Truth {
+        box_mm: file.box_mm,
+        must_refuse: file.must_refuse.unwrap_or_default(),
+        faces: file.faces.unwrap_or_default(),
     })
 }
 
-/// A list that need not be there.
-fn list<T>(
-    field: &Field<'_>,
-    key: &str,
-    read: impl Fn(&Field<'_>) -> Result<T, Error>,
-) -> Result<Vec<T>, Error> {
-    field.optional(key)?.map_or(Ok(Vec::new()), |f| f.list())?.iter().map(read).collect()
+fn sides<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<usize>, D::Error> {
+    let found = Option::<Vec<Within<usize, 0, 3>>>::deserialize(deserializer)?;
+    Ok(found.unwrap_or_default().into_iter().map(|Within(k)| k).collect())
 }
 
-fn notes(field: &Field<'_>) -> Result<TruthNotes, Error> {
-    let number = |key: &str| field.optional(key)?.map(|f| f.number()).transpose();
-    let words = |key: &str| {
-        let text = |f: &Field<'_>| f.text().map(str::to_owned);
-        field.optional(key)?.map(|f| f.list()?.iter().map(text).collect()).transpose()
+fn ends<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<(u8, usize)>, D::Error> {
+    let found = Option::<Vec<(Within<u8, 1, 4>, Within<usize, 0, 1>)>>::deserialize(deserializer)?;
+    Ok(found.unwrap_or_default().into_iter().map(|(Within(stripe), Within(end))| (stripe, end)).collect())
+}
+
+/// Of `"stripe 1"` to `"stripe 4"`, two points each, or none.
+fn key_points<'de, D: Deserializer<'de>>(deserializer: D) -> Result<BTreeMap<u8, [[f64; 2]; 2]>, D::Error> {
+    #[derive(PartialEq, Eq, PartialOrd, Ord, Deserialize)]
+    enum Stripe {
+        #[serde(rename = "stripe 1")]
+        One = 1,
+        #[serde(rename = "stripe 2")]
+        Two,
+        #[serde(rename = "stripe 3")]
+        Three,
+        #[serde(rename = "stripe 4")]
+        Four,
+    }
+    let found = Option::<BTreeMap<Stripe, Vec<[f64; 2]>>>::deserialize(deserializer)?.unwrap_or_default();
+    let crossed = found.into_iter().filter(|(_, points)| !points.is_empty());
+    let two = |(stripe, points): (Stripe, Vec<_>)| {
+        let stripe = stripe as u8;
+        let wrong =
+            |points: Vec<_>| format!("{} points of stripe {stripe}, two or none are needed", points.len());
+        Ok((stripe, points.try_into().map_err(wrong).map_err(D::Error::custom)?))
     };
-    let bulge_mm = match field.optional("bulge_mm")? {
-        // Older files have an object: faces that bulge, by name.
-        Some(bulge) if bulge.is_object() => match field.optional("face")? {
-            Some(face) => Some(bulge.optional(face.text()?)?.map_or(Ok(0.0), |f| f.number())?),
-            None => bulge.entries()?.is_empty().then_some(0.0),
-        },
-        Some(bulge) => Some(bulge.number()?),
-        None => None,
-    };
-    Ok(TruthNotes {
-        hazards: words("hazards")?,
-        neighbours: words("neighbours")?,
-        distance_mm: number("distance_mm")?,
-        angle_to_normal_deg: number("angle_to_normal_deg")?,
-        edge_radius_mm: number("edge_radius_mm")?,
-        bulge_mm,
-        wave_mm: field.optional("wave_mm")?.map(|f| f.numbers()).transpose()?,
-    })
+    crossed.map(two).collect()
 }
 
-/// A whole number from `low` to `high`.
-fn index(field: &Field<'_>, low: u32, high: u32) -> Result<u32, Error> {
-    let found = field.count()?;
-    let wrong = || field.error(format_args!("found {found}, {low} to {high} are allowed"));
-    if (low..=high).contains(&found) { Ok(found) } else { Err(wrong()) }
+fn twin<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<TruthMotion>, D::Error> {
+    #[derive(Deserialize)]
+    struct Twin {
+        cam_from_on: Option<TruthMotion>,
+    }
+    Ok(Option::<Twin>::deserialize(deserializer)?.and_then(|off| off.cam_from_on))
 }
 
-fn stripe(field: &Field<'_>) -> Result<u8, Error> {
-    index(field, 1, 4).map(|n| n as u8)
-}
-
-fn side(field: &Field<'_>) -> Result<usize, Error> {
-    index(field, 0, 3).map(|n| n as usize)
-}
-
-fn end(field: &Field<'_>) -> Result<usize, Error> {
-    index(field, 0, 1).map(|n| n as usize)
-}
-
-fn stripe_end(field: &Field<'_>) -> Result<TruthEnd, Error> {
-    Ok(TruthEnd {
-        stripe: stripe(&field.get("stripe")?)?,
-        end: end(&field.get("end")?)?,
-        side: side(&field.get("side")?)?,
-        class: field.get("class")?.one_of(&END_CLASSES)?,
-        at_px: field.optional("at_px")?.map(|f| f.numbers()).transpose()?,
-        at_mm: field.get("at_mm")?.numbers()?,
-        beyond_mm: field.optional("beyond_mm")?.map(|f| f.number()).transpose()?,
-        light_beyond: field.get("light_beyond")?.boolean()?,
-    })
-}
-
-fn false_line(field: &Field<'_>) -> Result<TruthLine, Error> {
-    Ok(TruthLine {
-        side: side(&field.get("side")?)?,
-        offset_mm: field.get("offset_mm")?.number()?,
-        kind: field.get("kind")?.text()?.to_owned(),
-    })
-}
-
-fn hidden(field: &Field<'_>) -> Result<TruthHidden, Error> {
-    let pair = |f: &Field<'_>| match f.list()?.as_slice() {
-        [a, b] => Ok((stripe(a)?, end(b)?)),
-        other => Err(f.error(format_args!("found a list of {}, stripe and end are needed", other.len()))),
-    };
-    Ok(TruthHidden {
-        sides: list(field, "sides", side)?,
-        corners: list(field, "corners", side)?,
-        stripe_ends: list(field, "stripe_ends", pair)?,
-        in_front_mm: field.optional("in_front_mm")?.map(|f| f.number()).transpose()?,
-    })
-}
-
-fn motion(field: &Field<'_>) -> Result<TruthMotion, Error> {
-    Ok(TruthMotion {
-        rotation_mrad: field.get("rotation_mrad")?.numbers()?,
-        translation_mm: field.get("translation_mm")?.numbers()?,
-    })
+/// Older files have an object of the faces that bulge, with none in it.
+fn bulge<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<f64>, D::Error> {
+    #[derive(Deserialize)]
+    #[serde(untagged, expecting = "a number is needed")]
+    enum Bulge {
+        Mm(f64),
+        NoFace(NoFace),
+    }
+    #[derive(Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct NoFace {}
+    Ok(Option::<Bulge>::deserialize(deserializer)?.map(|bulge| match bulge {
+        Bulge::Mm(mm) => mm,
+        Bulge::NoFace(NoFace {}) => 0.0,
+    }))
 }
 
 /// The calibration board: black circles on white. Circle (i, j) has its centre at
 /// ((i - (columns - 1) / 2) pitch, (j - (rows - 1) / 2) pitch, 0) in the board frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 pub struct Board {
-    /// Circles along x.
+    /// What is printed on it.
+    pub kind: BoardKind,
+    /// Circles along x. A detector takes memory for every circle: an absurd number is refused.
+    #[serde(deserialize_with = "within::<_, _, 2, 1000>")]
     pub columns: u32,
     /// Circles along y.
+    #[serde(deserialize_with = "within::<_, _, 2, 1000>")]
     pub rows: u32,
     /// Distance of neighbouring centres, mm.
+    #[serde(deserialize_with = "size_mm")]
     pub pitch_mm: f64,
     /// Diameter of a circle, mm.
+    #[serde(deserialize_with = "size_mm")]
     pub diameter_mm: f64,
     /// Board along x, mm.
+    #[serde(deserialize_with = "positive")]
     pub width_mm: f64,
     /// Board along y, mm.
+    #[serde(deserialize_with = "positive")]
     pub height_mm: f64,
     /// Thickness, behind the printed side, mm.
+    #[serde(deserialize_with = "positive")]
     pub thickness_mm: f64,
+}
+
+/// What is printed on a board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum BoardKind {
+    /// Circles in a square grid.
+    Circles,
 }
 
 impl From<Board> for boxline::calib::Board {
@@ -358,43 +315,21 @@ pub fn read_board(path: &Path) -> Result<Board, Error> {
 /// # Errors
 /// [`ErrorKind::InvalidFile`], naming `name` and the field.
 pub fn parse_board(bytes: &[u8], name: &str) -> Result<Board, Error> {
-    let value = parse_json(bytes, name, ErrorKind::InvalidFile)?;
-    let root = Field::root(&value, name, ErrorKind::InvalidFile);
-    root.check_format("boxline-board/1")?;
-    root.get("kind")?.one_of(&[("circles", ())])?;
-    // A detector takes memory for every circle: an absurd number is refused here.
-    let circles = |key: &str| {
-        let field = root.get(key)?;
-        let count = field.count()?;
-        if (2..=1000).contains(&count) {
-            Ok(count)
-        } else {
-            Err(field.error(format_args!("found {count}, 2 to 1000 are allowed")))
-        }
-    };
-    let size = |key: &str| {
-        let field = root.get(key)?;
-        let mm = field.positive()?;
-        if BOARD_SIZES_MM.contains(&mm) {
-            return Ok(mm);
-        }
-        let (least, most) = (BOARD_SIZES_MM.start(), BOARD_SIZES_MM.end());
-        Err(field.error(format_args!("found {mm}, {least} to {most} mm are allowed")))
-    };
-    let board = Board {
-        columns: circles("columns")?,
-        rows: circles("rows")?,
-        pitch_mm: size("pitch_mm")?,
-        diameter_mm: size("diameter_mm")?,
-        width_mm: root.get("width_mm")?.positive()?,
-        height_mm: root.get("height_mm")?.positive()?,
-        thickness_mm: root.get("thickness_mm")?.positive()?,
-    };
+    let kind = ErrorKind::InvalidFile;
+    let board: Board = read(bytes, name, kind, Some("boxline-board/1"))?;
     if board.diameter_mm >= board.pitch_mm {
-        let (d, pitch) = (board.diameter_mm, board.pitch_mm);
-        return Err(root
-            .get("diameter_mm")?
-            .error(format_args!("found {d}, less than pitch_mm ({pitch}) is needed")));
+        let Board { diameter_mm, pitch_mm, .. } = board;
+        let what = format_args!("found {diameter_mm}, less than pitch_mm ({pitch_mm}) is needed");
+        return Err(field_error(kind, name, "diameter_mm", what));
     }
     Ok(board)
+}
+
+fn size_mm<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    let mm = positive(deserializer)?;
+    if BOARD_SIZES_MM.contains(&mm) {
+        return Ok(mm);
+    }
+    let (least, most) = (BOARD_SIZES_MM.start(), BOARD_SIZES_MM.end());
+    Err(D::Error::custom(format_args!("found {mm}, {least} to {most} mm are allowed")))
 }

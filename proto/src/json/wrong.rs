@@ -31,7 +31,7 @@ impl TruthFace {
     /// Whether a measured face has a wrong side or, where the truth was clicked on a photograph, a corner on another line.
     #[must_use]
     pub fn is_wrong(&self, found: &FaceMeasurement) -> bool {
-        if self.clicked_px.is_some() {
+        if self.notes.click_px.is_some() {
             let distances = self.corner_distances_px(&found.corners_px);
             return distances.is_none_or(|d| !d.iter().all(|px| *px <= OTHER_LINE_PX));
         }

@@ -108,7 +108,7 @@ fn a_wrong_box_is_drawn_and_a_broken_one_does_not_stop_the_others() {
     let table = boxline(&["evaluate", parent]);
     assert_eq!(table.status.code(), Some(2));
     assert!(
-        stderr(&table).contains("/broken: ") && stderr(&table).contains("format: missing"),
+        stderr(&table).contains("/broken: ") && stderr(&table).contains("missing field `format`"),
         "{}",
         stderr(&table)
     );

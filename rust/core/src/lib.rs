@@ -26,6 +26,8 @@ pub mod image;
 pub mod measurement;
 pub mod network;
 #[cfg(test)]
+mod noise;
+#[cfg(test)]
 mod paper_head;
 pub mod pipeline;
 #[doc(hidden)]

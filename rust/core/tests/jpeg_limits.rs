@@ -4,7 +4,7 @@
 mod jpegs;
 
 use boxline::Frame;
-use jpegs::{Numbers, recorded, refusal, small, without};
+use jpegs::{recorded, refusal, small, without};
 
 /// The most memory that this program has had, kB; none where the system does not tell.
 fn peak_kb() -> Option<usize> {
@@ -39,18 +39,18 @@ fn any_bytes_are_a_frame_or_an_error_within_bounds() {
             refusal(&declaring(form, width, height));
         }
     }
-    let mut numbers = Numbers(1);
+    let mut numbers = fastrand::Rng::with_seed(1);
     for round in 0..6000 {
         let mut bytes = forms[round % forms.len()].clone();
         let header = bytes.len().min(640);
-        for _ in 0..1 + numbers.below(6) {
+        for _ in 0..1 + numbers.usize(..6) {
             // Most changes hit the header, where they do most harm.
             let place =
-                if numbers.below(4) == 0 { numbers.below(bytes.len()) } else { numbers.below(header) };
-            match numbers.below(3) {
-                0 => bytes[place] ^= 1 << numbers.below(8),
-                1 => bytes[place] = [0, 1, 0x7f, 0x80, 0xff][numbers.below(5)],
-                _ => drop(bytes.drain(place..(place + 1 + numbers.below(40)).min(bytes.len()))),
+                if numbers.usize(..4) == 0 { numbers.usize(..bytes.len()) } else { numbers.usize(..header) };
+            match numbers.usize(..3) {
+                0 => bytes[place] ^= 1 << numbers.usize(..8),
+                1 => bytes[place] = [0, 1, 0x7f, 0x80, 0xff][numbers.usize(..5)],
+                _ => drop(bytes.drain(place..(place + 1 + numbers.usize(..40)).min(bytes.len()))),
             }
             if bytes.len() < 700 {
                 break;
@@ -59,10 +59,10 @@ fn any_bytes_are_a_frame_or_an_error_within_bounds() {
         drop(Frame::from_jpeg(&bytes));
     }
     for _ in 0..2000 {
-        let mut bytes: Vec<u8> = (0..numbers.below(600)).map(|_| numbers.below(256) as u8).collect();
+        let mut bytes: Vec<u8> = (0..numbers.usize(..600)).map(|_| numbers.u8(..)).collect();
         drop(Frame::from_jpeg(&bytes));
         // Behind a beginning that is right.
-        bytes.splice(0..0, forms[0][..numbers.below(forms[0].len())].iter().copied());
+        bytes.splice(0..0, forms[0][..numbers.usize(..forms[0].len())].iter().copied());
         drop(Frame::from_jpeg(&bytes));
     }
     if let (Some(before), Some(after)) = (before, peak_kb()) {

@@ -3,7 +3,7 @@
 mod jpegs;
 
 use boxline::Frame;
-use jpegs::{Numbers, recorded, refusal, scan};
+use jpegs::{recorded, refusal, scan};
 
 const FRAMES: [&str; 7] =
     ["b01/a.jpg", "b02/a.jpg", "b03/b.jpg", "b04/a.jpg", "b05/a.jpg", "b06/b.jpg", "board/c09.jpg"];
@@ -22,9 +22,9 @@ struct Count {
 /// Tears each frame some times and counts. `tear` gets the frame, the frame after it, and a chunk's place in the data.
 fn count(
     each: usize,
-    mut tear: impl FnMut(&mut Vec<u8>, &[u8], std::ops::Range<usize>, &mut Numbers),
+    mut tear: impl FnMut(&mut Vec<u8>, &[u8], std::ops::Range<usize>, &mut fastrand::Rng),
 ) -> Count {
-    let mut numbers = Numbers(0x9e37_79b9_7f4a_7c15);
+    let mut numbers = fastrand::Rng::with_seed(0x9e37_79b9_7f4a_7c15);
     let files = FRAMES.map(recorded);
     let mut count = Count::default();
     for (i, file) in files.iter().enumerate() {
@@ -32,7 +32,7 @@ fn count(
         let (_, data) = scan(file);
         for n in 0..each {
             let size = 512 << (n % 8);
-            let at = data + numbers.below(file.len() - data - size);
+            let at = data + numbers.usize(..file.len() - data - size);
             let mut torn = file.clone();
             tear(&mut torn, &files[(i + 1) % files.len()], at..at + size, &mut numbers);
             count.torn += 1;
@@ -59,7 +59,7 @@ fn all_refused(count: &Count) {
 fn cut_frames_are_refused() {
     // All over the frame, and so near its end that little is missing.
     all_refused(&count(24, |torn, _, chunk, _| torn.truncate(chunk.start)));
-    all_refused(&count(24, |torn, _, _, numbers| torn.truncate(torn.len() - 3 - numbers.below(200))));
+    all_refused(&count(24, |torn, _, _, numbers| torn.truncate(torn.len() - 3 - numbers.usize(..200))));
 }
 
 #[test]
@@ -86,7 +86,7 @@ fn nearly_all_frames_with_a_foreign_chunk_are_refused() {
             "of the same frame",
             count(40, |torn, _, chunk, numbers| {
                 let (_, data) = scan(torn);
-                let from = data + numbers.below(torn.len() - data - chunk.len());
+                let from = data + numbers.usize(..torn.len() - data - chunk.len());
                 torn.copy_within(from..from + chunk.len(), chunk.start);
             }),
         ),
@@ -107,7 +107,7 @@ fn nearly_all_frames_with_a_foreign_chunk_are_refused() {
 /// A single byte is another matter: its block gets another coefficient, or some blocks until the codes find their way again.
 #[test]
 fn of_frames_with_one_wrong_byte_a_part_is_refused() {
-    let count = count(40, |torn, _, chunk, numbers| torn[chunk.start] ^= 1 + numbers.below(255) as u8);
+    let count = count(40, |torn, _, chunk, numbers| torn[chunk.start] ^= 1 + numbers.u8(..255));
     let passed = &count.passed;
     let share = |part: usize| passed[(passed.len() - 1) * part / 4];
     println!(

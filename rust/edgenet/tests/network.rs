@@ -244,11 +244,7 @@ fn a_file_of_one_map_is_the_papers_network_and_no_other() {
 #[test]
 fn damaged_files_never_panic() {
     // Damage where the graph is described, not in the weights: these are at the end of most nodes' bytes, the text is short.
-    let mut state = 1u64;
-    let mut random = |n: usize| {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 33) as usize % n
-    };
+    let mut random = fastrand::Rng::with_seed(1);
     let models = Path::new(env!("CARGO_MANIFEST_DIR")).join("models");
     let (lines, sides) = (std::fs::read(models.join("lines.onnx")), std::fs::read(models.join("sides.onnx")));
     // With how many channels go in, and where the description ends.
@@ -258,9 +254,9 @@ fn damaged_files_never_panic() {
         let mut refused = 0;
         for _ in 0..150 {
             let mut bytes = model.to_vec();
-            for _ in 0..1 + random(4) {
-                let at = random(described);
-                bytes[at] = random(256) as u8;
+            for _ in 0..1 + random.usize(..4) {
+                let at = random.usize(..described);
+                bytes[at] = random.u8(..);
             }
             match Engine::load(&bytes, channels, &options(Runtime::Embedded)) {
                 Ok(engine) => drop(engine.run(&vec![0.5; engine.input_len()])),

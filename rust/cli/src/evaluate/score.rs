@@ -144,7 +144,7 @@ impl FaceScore {
         Self {
             frame: truth.frame.clone(),
             truth_mm: truth.size_mm,
-            other_line: truth.clicked_px.and(measured).map(|face| truth.is_wrong(face)),
+            other_line: truth.notes.click_px.and(measured).map(|face| truth.is_wrong(face)),
             refusal_due: refused.then(|| truth.refuse.clone()),
             outcome,
             corners,
@@ -410,7 +410,8 @@ mod tests {
     fn verdicts_on_clicked_faces() {
         let verdict = |shift_px: f64| {
             let corners = CORNERS.map(|[u, v]| [u + shift_px, v]);
-            let clicked = TruthFace { clicked_px: Some(4.0), ..truth([170.0, 90.0], None) };
+            let mut clicked = truth([170.0, 90.0], None);
+            clicked.notes.click_px = Some(4.0);
             let outcome = FaceOutcome::Measured(Box::new(face(corners, [[0.0; 2]; 2])));
             let score = FaceScore::new(&clicked, false, outcome);
             assert_eq!(score.errors_mm(), None);

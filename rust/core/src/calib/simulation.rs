@@ -12,6 +12,7 @@ use super::rim::on_board;
 use crate::calibration::PARAMETERS;
 use crate::camera::CameraModel;
 use crate::frames::{Cam, Point, Pose, Ray};
+use crate::noise::Noise;
 use crate::units::Px;
 use nalgebra::{Rotation3, SMatrix, SVector, Vector3};
 
@@ -19,22 +20,6 @@ const BOARD: Board = Board { columns: 12, rows: 11, pitch_mm: 100.0, diameter_mm
 const CENTRE_SIGMA_PX: f64 = 0.05;
 const STRIPE_SIGMA_PX: f64 = 0.3;
 const SOLVES: usize = 300;
-
-/// xorshift64*, summed to a bell: enough for noise, and the same on every machine.
-struct Noise(u64);
-
-impl Noise {
-    fn uniform(&mut self) -> f64 {
-        self.0 ^= self.0 >> 12;
-        self.0 ^= self.0 << 25;
-        self.0 ^= self.0 >> 27;
-        (self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    fn normal(&mut self) -> f64 {
-        (0..12).map(|_| self.uniform()).sum::<f64>() - 6.0
-    }
-}
 
 fn head() -> Shared {
     Shared {
@@ -94,9 +79,9 @@ fn frames(head: &Shared, noise: &mut Noise) -> Vec<FrameSeen> {
 #[test]
 fn hundreds_of_solves_scatter_as_the_covariance_says() {
     let head = head();
-    let clean = frames(&head, &mut Noise(7));
+    let clean = frames(&head, &mut Noise::new(7));
     let fixed = Fixed { skew: true, distortion: false, lens: LensTerms::BROWN, planes: false, all: false };
-    let mut noise = Noise(1);
+    let mut noise = Noise::new(1);
     let mut squares = SVector::<f64, PARAMETERS>::zeros();
     let mut chi_squares = Vec::new();
     for _ in 0..SOLVES {
@@ -154,10 +139,10 @@ fn hundreds_of_solves_scatter_as_the_covariance_says() {
 #[test]
 fn frames_left_out_tell_which_terms_the_lens_has() {
     let fixed = Fixed { skew: true, distortion: false, lens: LensTerms::PAPER, planes: true, all: false };
-    let mut noise = Noise(3);
+    let mut noise = Noise::new(3);
     let mut chosen = |camera: CameraModel| {
         let head = Shared { camera, ..head() };
-        let mut seen = frames(&head, &mut Noise(7));
+        let mut seen = frames(&head, &mut Noise::new(7));
         for c in seen.iter_mut().flat_map(|frame| &mut frame.centres) {
             c.at.u += CENTRE_SIGMA_PX * noise.normal();
             c.at.v += CENTRE_SIGMA_PX * noise.normal();
@@ -299,7 +284,7 @@ fn wrong_set(noise: &mut Noise, kind: Option<MisfitKind>) -> WrongSet {
 #[test]
 fn what_does_not_fit_is_named() {
     const SETS: usize = 10;
-    let mut noise = Noise(11);
+    let mut noise = Noise::new(11);
     let alarms = (0..2 * SETS).filter(|_| !wrong_set(&mut noise, None).found.misfits.is_empty()).count();
     println!("sound: {alarms} alarms of {}", 2 * SETS);
     assert!(alarms <= 1, "{alarms} of {} sound sets", 2 * SETS);

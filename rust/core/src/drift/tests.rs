@@ -1,8 +1,9 @@
 //! Drift from faces simulated at the level of line coefficients: heads whose lasers moved, faces as a courier sees them.
 
 use super::*;
-use crate::face_lines::simulation::{Noise, head, some_face};
+use crate::face_lines::simulation::{head, some_face};
 use crate::frames::Plane;
+use crate::noise::Noise;
 
 /// The head with its lasers moved.
 fn moved_head(motions: &Motions) -> Calibration {
@@ -46,7 +47,7 @@ fn count(drift: &Drift, kind: DirectionKind) -> usize {
 
 #[test]
 fn flat_faces_leave_four_parameters_open_rectangles_one_and_rulers_none() {
-    let mut noise = Noise(11);
+    let mut noise = Noise::new(11);
     let rectangles = faces(&head(), 60, &mut noise, 1.0);
     let mut flat = rectangles.clone();
     for side in flat.iter_mut().flat_map(|f| &mut f.lines.sides) {
@@ -90,7 +91,7 @@ fn squared_errors(drift: &Drift, truth: &Motions) -> (f64, f64) {
 
 #[test]
 fn tilted_lasers_are_estimated_within_their_sigma() {
-    let mut noise = Noise(12);
+    let mut noise = Noise::new(12);
     let (mut squares, mut directions, mut seen) = (0.0, 0.0, 0);
     const RUNS: usize = 60;
     for _ in 0..RUNS {
@@ -113,7 +114,7 @@ fn tilted_lasers_are_estimated_within_their_sigma() {
 
 #[test]
 fn lasers_that_stay_raise_no_alarm() {
-    let mut noise = Noise(13);
+    let mut noise = Noise::new(13);
     let alarms = (0..100)
         .filter(|_| {
             let seen = faces(&head(), 20, &mut noise, 1.0);
@@ -126,7 +127,7 @@ fn lasers_that_stay_raise_no_alarm() {
 
 #[test]
 fn a_changed_scale_shows_only_against_known_lengths() {
-    let mut noise = Noise(14);
+    let mut noise = Noise::new(14);
     let by_motion = all_planes_by_motion(&head()).expect("planes");
     let truth = scale_motion(head().lasers(), &by_motion).expect("regular") * 2e-3;
     let seen = faces(&moved_head(&truth), 60, &mut noise, 1.0);
@@ -143,7 +144,7 @@ fn a_changed_scale_shows_only_against_known_lengths() {
 
 #[test]
 fn one_face_that_is_no_rectangle_does_not_bend_the_head() {
-    let mut noise = Noise(15);
+    let mut noise = Noise::new(15);
     let mut seen = faces(&head(), 40, &mut noise, 1.0);
     seen[7].lines.sides[0][0].at.u += 40.0;
     let drift = estimate_drift(&head(), &seen).expect("40 faces");
@@ -155,7 +156,7 @@ fn one_face_that_is_no_rectangle_does_not_bend_the_head() {
 /// What is known of a calibration counts: a change within its own covariance is none.
 #[test]
 fn a_poor_calibration_allows_more_before_it_is_called_changed() {
-    let mut noise = Noise(16);
+    let mut noise = Noise::new(16);
     let truth = some_motion(&mut noise);
     let seen = faces(&moved_head(&truth), 40, &mut noise, 1.0);
     let by_motion = blocks(&all_planes_by_motion(&head()).expect("planes"));
@@ -173,7 +174,7 @@ fn a_poor_calibration_allows_more_before_it_is_called_changed() {
 
 #[test]
 fn too_few_faces_are_refused() {
-    let seen = faces(&head(), 2, &mut Noise(17), 1.0);
+    let seen = faces(&head(), 2, &mut Noise::new(17), 1.0);
     let error = estimate_drift(&head(), &seen).expect_err("two faces");
     assert!(error.to_string().contains("2 measured faces, 3 are needed"), "{error}");
 }
@@ -182,7 +183,7 @@ fn too_few_faces_are_refused() {
 #[test]
 #[ignore = "a table for rust/CALIBRATION.md, minutes"]
 fn how_often_a_moved_laser_is_seen() {
-    let mut noise = Noise(21);
+    let mut noise = Noise::new(21);
     println!("faces | still | one laser tilted by 0.01 | 0.02 | 0.05 | 0.2 mrad | sigma of its tilt, mrad");
     for count in [6, 10, 20, 40] {
         let runs = 200;

@@ -143,14 +143,15 @@ fn independent_points(sorted: &[(f64, f64)]) -> (f64, f64) {
 
 #[cfg(test)]
 mod tests {
-    use super::simulation::{Noise, head};
+    use super::simulation::head;
     use super::*;
+    use crate::noise::Noise;
 
     /// Two hundred lines of noisy points, a tenth of them far off: the two points scatter about the truth as they say.
     #[test]
     fn a_lines_two_points_scatter_as_their_sigma_says() {
         let calibration = head();
-        let mut noise = Noise(3);
+        let mut noise = Noise::new(3);
         let (mut squares, mut count) = (0.0, 0.0);
         for _ in 0..200 {
             let angle = noise.uniform() * 3.1;
@@ -182,7 +183,7 @@ mod tests {
     #[test]
     fn neighbours_that_go_together_count_less() {
         let calibration = head();
-        let mut noise = Noise(4);
+        let mut noise = Noise::new(4);
         let mut points = |together: usize| -> Vec<Px> {
             let mut off = 0.0;
             (0..240)

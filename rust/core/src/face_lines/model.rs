@@ -260,13 +260,14 @@ pub(crate) struct KnownSide {
 
 #[cfg(test)]
 mod tests {
-    use super::super::simulation::{Noise, head, some_face};
+    use super::super::simulation::{head, some_face};
     use super::*;
+    use crate::noise::Noise;
 
     #[test]
     fn derivatives_are_differences_of_the_residual() {
         let calibration = head();
-        let mut noise = Noise(5);
+        let mut noise = Noise::new(5);
         let (state, lines) = some_face(&calibration, &mut noise, 0.0);
         // Away from the truth, where residuals are not zero but small.
         let state = state.plus(&Own::from_column_slice(&[1e-4, -2e-4, 1e-4, 1e-8, 0.1, -0.1, 0.2, 0.1]));
@@ -309,7 +310,7 @@ mod tests {
     #[test]
     fn a_face_is_found_again_from_its_lines() {
         let calibration = head();
-        let mut noise = Noise(6);
+        let mut noise = Noise::new(6);
         for _ in 0..50 {
             let (state, lines) = some_face(&calibration, &mut noise, 0.0);
             let start = state.plus(&Own::from_column_slice(&[2e-3, -3e-3, 5e-3, 1e-6, 2.0, -2.0, 3.0, 1.0]));
@@ -326,7 +327,7 @@ mod tests {
     #[test]
     fn noise_gives_the_chi_square_of_eight_and_sides_within_their_sigma() {
         let calibration = head();
-        let mut noise = Noise(7);
+        let mut noise = Noise::new(7);
         let (mut sum, mut squares) = (0.0, 0.0);
         const FACES: usize = 400;
         for _ in 0..FACES {

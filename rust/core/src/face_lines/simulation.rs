@@ -4,6 +4,7 @@ use super::FaceLines;
 use super::model::FaceState;
 use super::view::{FacePose, USUAL};
 use crate::calibration::Calibration;
+use crate::noise::Noise;
 use crate::paper_head::paper_head;
 use crate::units::{LaserId, Px};
 use nalgebra::{Rotation3, Vector3};
@@ -11,27 +12,6 @@ use nalgebra::{Rotation3, Vector3};
 /// The paper's head.
 pub(crate) fn head() -> Calibration {
     paper_head(1.0)
-}
-
-/// xorshift64*: the same on every machine; a test must not depend on luck.
-pub(crate) struct Noise(pub u64);
-
-impl Noise {
-    pub fn uniform(&mut self) -> f64 {
-        self.0 ^= self.0 >> 12;
-        self.0 ^= self.0 << 25;
-        self.0 ^= self.0 >> 27;
-        ((self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11) as f64 + 0.5) / (1u64 << 53) as f64
-    }
-
-    pub fn between(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.uniform()
-    }
-
-    /// Box and Muller.
-    pub fn normal(&mut self) -> f64 {
-        (-2.0 * self.uniform().ln()).sqrt() * (std::f64::consts::TAU * self.uniform()).cos()
-    }
 }
 
 /// A face of 150 to 1800 mm as a courier would hold the head: rolled by 45 degrees to 10, tilted by up to 40, near enough to

@@ -304,7 +304,8 @@ impl fmt::Display for Hint {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::face_lines::simulation::{Noise, drawn_face, head};
+    use crate::face_lines::simulation::{drawn_face, head};
+    use crate::noise::Noise;
 
     /// A face that can be measured, and the head moved away from there by hand's or a beginner's errors.
     fn spoilt(calibration: &Calibration, noise: &mut Noise) -> FacePose {
@@ -329,7 +330,7 @@ mod tests {
     #[test]
     fn following_the_hint_makes_the_face_feasible_even_if_followed_by_hand() {
         let calibration = head();
-        let mut noise = Noise(41);
+        let mut noise = Noise::new(41);
         let (mut refused, mut helped, mut by_hand) = (0, 0, 0);
         while refused < 300 {
             let pose = spoilt(&calibration, &mut noise);
@@ -368,7 +369,7 @@ mod tests {
     #[test]
     fn a_single_fault_has_a_single_cure_of_its_own_kind() {
         let calibration = head();
-        let mut noise = Noise(42);
+        let mut noise = Noise::new(42);
         let mut cures = [0; 3];
         for _ in 0..200 {
             let pose = drawn_face(&calibration, &mut noise);

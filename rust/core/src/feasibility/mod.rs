@@ -165,7 +165,8 @@ fn stripe_angle_rad(calibration: &Calibration, distance_mm: f64) -> Option<f64> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::face_lines::simulation::{Noise, drawn_face, head};
+    use crate::face_lines::simulation::{drawn_face, head};
+    use crate::noise::Noise;
 
     /// physics.md: 100 mm boxes at about 0.35 m, 1800 mm at about 2.45 m, (length + width) <= 1.1 z, aspect up to 5.5 : 1.
     #[test]
@@ -226,7 +227,7 @@ mod tests {
     #[test]
     fn it_agrees_with_the_views_of_the_simulation() {
         let calibration = head();
-        let mut noise = Noise(31);
+        let mut noise = Noise::new(31);
         for _ in 0..200 {
             let pose = drawn_face(&calibration, &mut noise);
             assert!(obstacles(&calibration, &pose, 0.0).is_empty(), "{pose:?}");

@@ -180,24 +180,19 @@ fn add_colours(sums: &mut [u16], frame: &Frame, band: usize, diagonal: Diagonal)
 mod tests {
     use super::*;
     use crate::image::redness::{Z_STEPS, half_redness, ridge_map};
+    use crate::noise::Noise;
 
     /// Noise of `sigma` with a red stripe along each diagonal, 12 px wide along a row.
     fn picture(sigma: f32, height: f32) -> Frame {
         let (width, rows) = (640, 500);
-        let mut state = 1u32;
-        let mut noise = || {
-            (0..12).fold(-6.0, |sum, _| {
-                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                sum + (state >> 8) as f32 / (1u32 << 24) as f32
-            })
-        };
+        let mut noise = Noise::new(1);
         let mut rgb = Vec::with_capacity(width * rows * 3);
         for y in 0..rows {
             for x in 0..width {
                 let lit = x.abs_diff(y + 60) <= 6 || (x + y).abs_diff(580) <= 6;
                 for colour in 0..3 {
                     let light = if lit && colour == 0 { height } else { 0.0 };
-                    rgb.push((100.0 + sigma * noise() + light).round() as u8);
+                    rgb.push((100.0 + sigma * noise.normal() as f32 + light).round() as u8);
                 }
             }
         }

@@ -301,18 +301,14 @@ pub(crate) fn faint_ridge_map(width: usize, height: usize, redness: &[i16], diag
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::noise::Noise;
     use proptest::prelude::*;
 
     proptest! {
         #[test]
-        fn half_redness_is_the_sum_of_four_pixels(width in 2..40usize, height in 2..6usize, seed: u32) {
-            let mut state = seed;
-            let rgb: Vec<u8> = (0..width * height * 3)
-                .map(|_| {
-                    state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                    (state >> 24) as u8
-                })
-                .collect();
+        fn half_redness_is_the_sum_of_four_pixels(width in 2..40usize, height in 2..6usize, seed: u64) {
+            let mut random = fastrand::Rng::with_seed(seed);
+            let rgb: Vec<u8> = (0..width * height * 3).map(|_| random.u8(..)).collect();
             let redness = |x: usize, y: usize| {
                 let p = &rgb[(y * width + x) * 3..];
                 2 * i16::from(p[0]) - i16::from(p[1]) - i16::from(p[2])
@@ -338,23 +334,16 @@ mod tests {
     /// A map of noise of `sigma` with a stripe `height` above it, 6 half px wide along a row, and its ridge map in sigmas.
     fn strengths(sigma: f32, height: f32, diagonal: Diagonal) -> (f32, f32) {
         let (width, rows) = (320, 256);
-        let mut state = 1u32;
-        let mut noise = || {
-            // Sum of twelve even numbers: nearly normal, sigma 1.
-            (0..12).fold(-6.0, |sum, _| {
-                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                sum + (state >> 8) as f32 / (1u32 << 24) as f32
-            })
-        };
+        let mut noise = Noise::new(1);
         let on = |x: usize, y: usize| match diagonal {
             Diagonal::Down => x.abs_diff(y + 30) <= 3,
             Diagonal::Up => (x + y).abs_diff(290) <= 3,
         };
         let mut redness = Vec::new();
         for y in 0..rows {
-            redness.extend(
-                (0..width).map(|x| (noise() * sigma + if on(x, y) { height } else { 0.0 }).round() as i16),
-            );
+            redness.extend((0..width).map(|x| {
+                (noise.normal() as f32 * sigma + if on(x, y) { height } else { 0.0 }).round() as i16
+            }));
         }
         let map = ridge_map(width, rows, &redness, diagonal);
         let (mut lit, mut dark) = ([0.0; 2], [0.0; 2]);

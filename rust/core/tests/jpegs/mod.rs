@@ -33,27 +33,15 @@ pub fn without(jpeg: &[u8], kind: u8) -> Vec<u8> {
     left
 }
 
-/// Numbers that look random, the same ones each time.
-pub struct Numbers(pub u64);
-
-impl Numbers {
-    pub fn below(&mut self, end: usize) -> usize {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        (self.0 % end as u64) as usize
-    }
-}
-
 pub const SMALL: [u16; 2] = [203, 117];
 
 /// A small picture with edges, gradients and noise; its sides are no multiples of a block.
 pub fn small(form: impl FnOnce(&mut Encoder<&mut Vec<u8>>)) -> Vec<u8> {
-    let mut numbers = Numbers(7);
+    let mut numbers = fastrand::Rng::with_seed(7);
     let mut rgb = Vec::new();
     for y in 0..i32::from(SMALL[1]) {
         for x in 0..i32::from(SMALL[0]) {
-            let noise = numbers.below(12) as i32;
+            let noise = numbers.i32(..12);
             let check = if (x / 30 + y / 30) % 2 == 0 { 230 } else { 15 };
             rgb.extend([x + noise, 2 * y + noise, check + noise].map(|v| v.clamp(0, 255) as u8));
         }

@@ -277,7 +277,9 @@ fn of_face(face: &FaceOutcome, due: &Due<'_>) -> Found {
     let sides = vec![face.length, face.width];
     let wrong = match due {
         Due::Face(truth) if !truth.is_wrong(face) => None,
-        Due::Face(TruthFace { clicked_px: Some(_), .. }) => Some("a corner lies on another line".to_owned()),
+        Due::Face(truth) if truth.notes.click_px.is_some() => {
+            Some("a corner lies on another line".to_owned())
+        }
         Due::Face(TruthFace { size_mm: Some(truth_mm), .. }) => Some(beside_truth(&sides, truth_mm)),
         _ => Some("measured, a refusal was due".to_owned()),
     };

@@ -15,36 +15,36 @@ import dev.boxline.SensorPoint
 import dev.boxline.Volume
 import dev.boxline.Warning
 
-// Results from messages of proto/boxline.proto. The numbers of fields are those of that file.
-
-private const val MEASURED = 1L
-private const val AMBIGUOUS = 2L
-private const val REJECTED = 3L
+// Results from messages of proto/boxline.proto.
 
 /** A `BoxReport`. */
 internal fun measureResult(bytes: ByteArray): MeasureResult {
     val report = Wire.read(bytes)
     val record = Record(bytes)
-    val faces = report.messages(5)
-    val warnings = faces.flatMapIndexed { i, face -> warnings(face, 11, i) } + warnings(report, 6, null)
-    return when (report.number(1)) {
-        MEASURED -> {
-            val enclosing = size(report.part(11))
-            MeasureResult.Measured(size(report.part(2)), enclosing, report.doubleOrNull(8), warnings, record)
+    val faces = report.messages(Field.BoxReport.FACES)
+    val warnings = faces.flatMapIndexed { i, face -> warnings(face.messages(Field.Face.WARNINGS), i) } +
+        warnings(report.messages(Field.BoxReport.WARNINGS), null)
+    val confidence = report.doubleOrNull(Field.BoxReport.CONFIDENCE)
+    return when (report.number(Field.BoxReport.OUTCOME)) {
+        Field.Outcome.OUTCOME_MEASURED -> {
+            val enclosing = size(report.part(Field.BoxReport.ENCLOSING))
+            MeasureResult.Measured(size(report.part(Field.BoxReport.SIDES)), enclosing, confidence, warnings, record)
         }
-        AMBIGUOUS -> {
-            val (first, second) = report.messages(3)
-            MeasureResult.Ambiguous(size(first), size(second), report.doubleOrNull(8), warnings, record)
+        Field.Outcome.OUTCOME_AMBIGUOUS -> {
+            val (first, second) = report.messages(Field.BoxReport.CANDIDATES)
+            MeasureResult.Ambiguous(size(first), size(second), confidence, warnings, record)
         }
         else -> {
             // With fewer than two good faces the report's own reason is that of the first face that is refused.
-            val good = faces.count { it.number(2) == MEASURED }
-            val refused = faces.indexOfFirst { it.number(2) == REJECTED }.takeIf { good < 2 && it >= 0 }
+            val good = faces.count { it.number(Field.Face.OUTCOME) == Field.Outcome.OUTCOME_MEASURED }
+            val refused = faces.indexOfFirst { it.number(Field.Face.OUTCOME) == Field.Outcome.OUTCOME_REJECTED }.takeIf { good < 2 && it >= 0 }
             MeasureResult.Rejected(
-                reason = reason(report.part(4), refused?.let { faces[it].message(13) }),
+                reason = reason(report.part(Field.BoxReport.REJECT), refused?.let { faces[it].message(Field.Face.HINT) }),
                 face = refused,
-                candidates = report.messages(9).map { Candidate(size(it.part(1)), it.double(2)) },
-                thirdFaceHelps = report.number(10) != 0L,
+                candidates = report.messages(Field.BoxReport.LIKELIEST).map {
+                    Candidate(size(it.part(Field.Candidate.SIDES)), it.double(Field.Candidate.CONFIDENCE))
+                },
+                thirdFaceHelps = report.number(Field.BoxReport.THIRD_FACE_HELPS) != 0L,
                 record = record,
             )
         }
@@ -54,52 +54,67 @@ internal fun measureResult(bytes: ByteArray): MeasureResult {
 /** A `LiveView` with the number of its frame. */
 internal fun liveView(bytes: ByteArray): Pair<FaceView, Long> {
     val live = Wire.read(bytes)
-    val face = live.part(1)
-    if (face.number(2) != MEASURED) return FaceView.Unmeasurable(reason(face.part(9), face.message(13))) to live.number(3)
+    val face = live.part(Field.LiveView.FACE)
+    val frame = live.number(Field.LiveView.FRAME)
+    if (face.number(Field.Face.OUTCOME) != Field.Outcome.OUTCOME_MEASURED) {
+        return FaceView.Unmeasurable(reason(face.part(Field.Face.REJECT), face.message(Field.Face.HINT))) to frame
+    }
     val view = FaceView.Measurable(
-        length = length(face.part(3)),
-        width = length(face.part(4)),
-        corners = face.messages(5).map { point(it.part(1)) },
-        stripes = face.messages(6).map { point(it.part(1)) to point(it.part(2)) },
-        steady = live.number(2) != 0L,
-        confidence = face.doubleOrNull(14),
-        warnings = warnings(face, 11, 0),
+        length = length(face.part(Field.Face.LENGTH)),
+        width = length(face.part(Field.Face.WIDTH)),
+        corners = face.messages(Field.Face.CORNERS).map { point(it.part(Field.Corner.PX)) },
+        stripes = face.messages(Field.Face.KEY_POINTS).map {
+            point(it.part(Field.KeyPoints.FIRST)) to point(it.part(Field.KeyPoints.SECOND))
+        },
+        steady = live.number(Field.LiveView.STEADY) != 0L,
+        confidence = face.doubleOrNull(Field.Face.CONFIDENCE),
+        warnings = warnings(face.messages(Field.Face.WARNINGS), 0),
     )
-    return view to live.number(3)
+    return view to frame
 }
 
 private fun Wire.part(field: Int): Wire = requireNotNull(message(field)) { "field $field is missing" }
 
 private fun size(sides: Wire) = BoxSize(
-    length = length(sides.part(1)),
-    width = length(sides.part(2)),
-    height = length(sides.part(3)),
-    volume = sides.part(4).let { volume ->
-        Volume(CubicMetres(volume.double(1)), CubicMetres(volume.double(2)), CubicMetres(volume.double(3)), CubicMetres(volume.double(4)))
+    length = length(sides.part(Field.Sides.LENGTH)),
+    width = length(sides.part(Field.Sides.WIDTH)),
+    height = length(sides.part(Field.Sides.HEIGHT)),
+    volume = sides.part(Field.Sides.VOLUME).let { volume ->
+        Volume(
+            CubicMetres(volume.double(Field.Volume.VALUE_M3)),
+            CubicMetres(volume.double(Field.Volume.SIGMA_M3)),
+            CubicMetres(volume.double(Field.Volume.LOW_95_M3)),
+            CubicMetres(volume.double(Field.Volume.HIGH_95_M3)),
+        )
     },
 )
 
-private fun length(message: Wire) =
-    Length(Millimetres(message.double(1)), Millimetres(message.double(2)), Millimetres(message.double(3)), Millimetres(message.double(4)))
+private fun length(message: Wire) = Length(
+    Millimetres(message.double(Field.Length.VALUE_MM)),
+    Millimetres(message.double(Field.Length.SIGMA_MM)),
+    Millimetres(message.double(Field.Length.LOW_95_MM)),
+    Millimetres(message.double(Field.Length.HIGH_95_MM)),
+)
 
-private fun point(message: Wire) = SensorPoint(message.double(1), message.double(2))
+private fun point(message: Wire) = SensorPoint(message.double(Field.Px.U), message.double(Field.Px.V))
 
-private fun numbers(message: Wire) = message.messages(2).associate { it.text(1) to it.double(2) }
+private fun numbers(numbers: List<Wire>) =
+    numbers.associate { it.text(Field.Number.NAME) to it.double(Field.Number.VALUE) }
 
 private fun reason(reject: Wire, hint: Wire?) = Reason(
-    name = reject.text(1),
-    numbers = numbers(reject),
-    text = reject.text(3),
-    moves = hint?.messages(1).orEmpty().mapNotNull(::move),
-    movesText = hint?.text(2).orEmpty(),
+    name = reject.text(Field.Reject.REASON),
+    numbers = numbers(reject.messages(Field.Reject.NUMBERS)),
+    text = reject.text(Field.Reject.TEXT),
+    moves = hint?.messages(Field.Hint.MOVES).orEmpty().mapNotNull(::move),
+    movesText = hint?.text(Field.Hint.TEXT).orEmpty(),
 )
 
 /** Null for a move that came with a newer native library. */
 private fun move(message: Wire): Move? {
-    val numbers = numbers(message)
+    val numbers = numbers(message.messages(Field.Move.NUMBERS))
     val angle = { name: String -> Radians(numbers[name] ?: 0.0) }
     val by = numbers["by_mm"]?.let(::Millimetres)
-    return when (message.text(1)) {
+    return when (message.text(Field.Move.KIND)) {
         "closer" -> Move.Closer(by)
         "farther" -> Move.Farther(by)
         "roll" -> Move.Roll(angle("clockwise_rad"))
@@ -109,5 +124,7 @@ private fun move(message: Wire): Move? {
     }
 }
 
-private fun warnings(message: Wire, field: Int, face: Int?) =
-    message.messages(field).map { Warning(name = it.text(1), face = face, numbers = numbers(it), text = it.text(3)) }
+private fun warnings(warnings: List<Wire>, face: Int?) = warnings.map {
+    val numbers = numbers(it.messages(Field.Warning.NUMBERS))
+    Warning(name = it.text(Field.Warning.KIND), face = face, numbers = numbers, text = it.text(Field.Warning.TEXT))
+}
