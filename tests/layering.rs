@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// The modules of `rust/core/src`, lowest first. A new module gets its line here.
-const MODULES: [&str; 31] = [
+const MODULES: [&str; 32] = [
     "eigen",
     "units",
     "error",
@@ -16,6 +16,7 @@ const MODULES: [&str; 31] = [
     "image",
     "view",
     "network",
+    "trace",
     "confidence",
     "camera",
     "calibration",
@@ -27,7 +28,6 @@ const MODULES: [&str; 31] = [
     "optim",
     "stripe",
     "calib",
-    "diagnostics",
     "face",
     "sides",
     "edges",
@@ -37,6 +37,7 @@ const MODULES: [&str; 31] = [
     "cuboid",
     "alternatives",
     "points",
+    "diagnostics",
     "pipeline",
 ];
 

@@ -35,6 +35,7 @@ pub mod reject;
 mod scene;
 pub mod sides;
 mod stripe;
+pub mod trace;
 pub mod units;
 pub mod view;
 pub mod warning;

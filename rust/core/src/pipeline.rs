@@ -5,6 +5,7 @@ use crate::box_depth;
 use crate::calibration::Calibration;
 use crate::confidence;
 use crate::cuboid;
+use crate::diagnostics::{Outlined, Told};
 use crate::edges::{EdgeDetector, hough::HoughDetector, subpixel::GradientDetector};
 use crate::error::{Error, ErrorKind};
 use crate::face::extent::{FaceStripes, InnerSegments, Sight, follow_stripes, inner_segments};
@@ -151,6 +152,7 @@ fn see_face(
         edge_map: edge_map.as_ref(),
         which: Which::Best,
     };
+    asked.iter().for_each(|asked| task.told().network(&asked.maps));
     let seen = face_stages(&task, &mut clock);
     check_wanted(settings)?; // what was cut short is no result
     asked.map_or(Ok(()), Asked::finish)?;
@@ -206,6 +208,12 @@ struct Task<'a> {
     which: Which,
 }
 
+impl Task<'_> {
+    fn told(&self) -> Told<'_> {
+        Told { trace: self.settings.trace, frame: self.frame, calibration: self.calibration }
+    }
+}
+
 fn face_stages(task: &Task, clock: &mut Clock<'_>) -> Result<Seen, Reject> {
     let Task { frame, calibration, asked, .. } = *task;
     let maps = asked.map(|asked| &asked.maps);
@@ -215,6 +223,7 @@ fn face_stages(task: &Task, clock: &mut Clock<'_>) -> Result<Seen, Reject> {
     let planes =
         grid_search::find_planes(calibration, &evidence(&ridges, maps), grid_search::IN_RIDGES, PLANES);
     clock.lap("grid");
+    task.told().planes(&ridges, &planes);
     let refusal = match measure_on_planes(task, &planes, Sight::Clear, clock) {
         Ok(seen) => return Ok(seen),
         // Whether a stripe is dark or misses the face is told by the other three.
@@ -236,6 +245,7 @@ fn face_stages(task: &Task, clock: &mut Clock<'_>) -> Result<Seen, Reject> {
     let planes: Vec<GridHypothesis> =
         planes.iter().map(|plane| grid_search::climb(calibration, &evidence, plane)).collect();
     clock.lap("faint");
+    task.told().planes(&faint, &planes);
     measure_on_planes(task, &planes, Sight::Faint, clock).map_err(|faint| {
         clock.seen = clock.seen.take().or(seen);
         faint.or(refusal).unwrap_or_else(|| no_box(0.0))
@@ -288,6 +298,7 @@ fn measure_on_plane(
     let inner = inner.ok_or_else(|| no_box(0.0))?;
     let wide = follow_stripes(frame, calibration, &inner, None);
     clock.lap("stripes");
+    wide.iter().for_each(|stripes| task.told().stripes(stripes));
     if let Some(asked) = asked {
         return measure_seen_outline(task, &inner, wide.as_ref(), asked, clock);
     }
@@ -300,8 +311,10 @@ fn measure_on_plane(
     clock.lap("sides");
     let lit = LitLines::of(frame, calibration, &face);
     clock.lap("sides");
+    let roughs = roughs?;
+    task.told().outlines(roughs.iter().map(outlined));
     let mut alternatives = Vec::new();
-    for (index, rough) in roughs?.iter().enumerate() {
+    for (index, rough) in roughs.iter().enumerate() {
         if index == 0 {
             clock.see(&rough.raster, &rough.offsets_mm);
         }
@@ -319,6 +332,11 @@ fn measure_on_plane(
     Ok(Seen { alternatives, unsure: None, overlap: 0.0 })
 }
 
+fn outlined(rough: &RoughRectangle) -> Outlined<'_> {
+    let RoughRectangle { raster, offsets_mm, lines, .. } = rough;
+    Outlined { raster, offsets_mm, lines, probability: None }
+}
+
 /// Measures the face whose sides the paper's map shows.
 fn measure_in_edge_map(
     task: &Task,
@@ -331,6 +349,7 @@ fn measure_in_edge_map(
     let rough = hough_outline(frame, calibration, &wide.fit.plane, map);
     clock.lap("outline");
     let mut rough = rough.map_err(|open| cut_by_border(frame, wide).unwrap_or(open))?;
+    task.told().outlines(std::iter::once(outlined(&rough)));
     clock.see(&rough.raster, &rough.offsets_mm);
     let limits = limits(calibration, &rough.raster, &rough.offsets_mm, rough.mm_per_px);
     let face = follow_stripes(frame, calibration, inner, limits.as_ref());
@@ -365,6 +384,10 @@ fn measure_seen_outline(
     let rivals =
         rivals(frame, calibration, wide, &outline, asked, seen.as_ref(), &lit).ok_or_else(|| no_box(0.0))?;
     clock.lap("outline");
+    task.told().outlines(rivals.iter().map(|Rival { outline, probability, .. }| {
+        let MapOutline { raster, offsets_mm, lines, .. } = outline;
+        Outlined { raster, offsets_mm, lines, probability: Some(*probability) }
+    }));
     let best = rivals.first().ok_or(Reject::RectangleOpen { sides_found: 0 })?;
     clock.see(&best.outline.raster, &best.outline.offsets_mm);
     let mut free = 1.0;
