@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// The modules of `rust/core/src`, lowest first. A new module gets its line here.
-const MODULES: [&str; 32] = [
+const MODULES: [&str; 33] = [
     "noise",
     "eigen",
     "units",
@@ -18,6 +18,7 @@ const MODULES: [&str; 32] = [
     "view",
     "network",
     "confidence",
+    "trace",
     "camera",
     "calibration",
     "measurement",
@@ -25,7 +26,7 @@ const MODULES: [&str; 32] = [
     "face_lines",
     "drift",
     "feasibility",
-    "optim",
+    "report",
     "stripe",
     "calib",
     "face",
@@ -36,7 +37,7 @@ const MODULES: [&str; 32] = [
     "diagnostics",
     "box_depth",
     "cuboid",
-    "alternatives",
+    "hypotheses",
     "points",
     "pipeline",
 ];

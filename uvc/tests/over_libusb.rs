@@ -2,6 +2,9 @@
 //! kinds of pipe, and a table of everything that goes wrong with cables, buses and cameras.
 #![allow(clippy::unwrap_used)] // the helpers of tests are tests
 
+#[path = "../examples/capture.rs"]
+#[allow(dead_code)] // its `main` needs a head on the cable
+mod capture;
 mod support;
 mod usbfs;
 
@@ -80,6 +83,17 @@ fn every_version_streams_over_both_pipes() {
             assert_whole(&frames);
         }
     }
+}
+
+/// What `examples/capture.rs` does.
+#[test]
+fn the_example_takes_a_frame_with_all_lasers_on() {
+    let bus = plug(SoftwareHead::new(settings(Pipe::Bulk), pictures(60, MOST)), Plan::default());
+    let frame = capture::lit_frame(&Device::from_fd(bus.fd()).unwrap()).unwrap();
+    let tag = frame.tag.unwrap();
+    assert_eq!((tag.lasers, tag.switched), (Lasers::ALL.bits(), false));
+    assert_whole(&[frame]);
+    assert_eq!(bus.lock().head.lasers(Duration::ZERO), Lasers::OFF);
 }
 
 #[test]

@@ -47,6 +47,7 @@ Examples:
   boxline measure tests/data/b02 --overlay b02.png
   boxline measure a.jpg b.jpg --calibration calibration.json --json
   boxline measure a.jpg b.jpg c.jpg --calibration calibration.json                      (a third face settles doubts)
+  boxline measure tests/data/b02 --explain stages                                       (a picture of each stage)
   boxline measure tests/data/b02 --edges hough --model ihed.onnx --method keypoints     (the paper's system)
 
 Without --json: sides in mm and the volume in cubic metres, each with one standard deviation, or why there is no result
@@ -201,6 +202,9 @@ pub struct MeasureArgs {
     /// If all frames show sides of the same two lengths, two boxes are possible: take the first or the second
     #[arg(long, value_name = "1|2", value_parser = clap::value_parser!(u8).range(1..=2))]
     pub choose: Option<u8>,
+    /// Draw what each stage finds, a picture a stage and frame, into a new folder
+    #[arg(long, value_name = "FOLDER")]
+    pub explain: Option<PathBuf>,
     #[command(flatten)]
     pub output: Output,
 }

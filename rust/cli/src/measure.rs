@@ -3,10 +3,14 @@
 use crate::Finished;
 use crate::args::{FaceArgs, MeasureArgs, Output};
 use crate::input::{Usage, add_off, box_frames, read_frame};
+use crate::overlay::explain::{self, Stages};
 use crate::overlay::{self, Headline, View};
 use crate::say::say;
 use crate::text;
-use boxline::{FaceOutcome, Frame, Outcome, StageTimes, measure_box_with_hints, measure_face_with_hint};
+use boxline::trace::Trace;
+use boxline::{
+    FaceOutcome, Frame, Outcome, Settings, StageTimes, measure_box_with_hints, measure_face_with_hint,
+};
 use boxline_proto::json::{RecordedFrame, face_json, read_calibration, read_recording, report_json};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
@@ -41,6 +45,11 @@ pub fn measure(args: &MeasureArgs) -> anyhow::Result<Finished> {
         .map(PathBuf::as_path)
         .collect();
     check_overlay(&args.output, &inputs)?;
+    if let Some(folder) = args.explain.as_ref().filter(|folder| folder.exists()) {
+        return Err(
+            Usage(format!("{}: is there already; --explain takes a new folder", folder.display())).into()
+        );
+    }
     let calibration = read_calibration(&calibration)?;
     if let Some(serial) = serial.filter(|serial| serial != calibration.serial()) {
         say(&format!(
@@ -56,7 +65,9 @@ pub fn measure(args: &MeasureArgs) -> anyhow::Result<Finished> {
     let frames: Vec<Frame> = sources.par_iter().map(read).collect::<Result<_, boxline::Error>>()?;
     let frames: Vec<&Frame> = frames.iter().collect();
     let network = args.how.network.load(args.how.edges)?;
-    let settings = args.how.settings(args.choose, network.as_ref());
+    let stages = args.explain.is_some().then(|| Stages::new(&frames));
+    let trace = stages.as_ref().map(|stages| stages as &dyn Trace);
+    let settings = Settings { trace, ..args.how.settings(args.choose, network.as_ref()) };
     let (report, hints) = measure_box_with_hints(&frames, &calibration, &settings, &mut StageTimes::new())
         .map_err(|e| {
             // The library knows frames, not files: the culprit is the one that does not fit.
@@ -69,6 +80,10 @@ pub fn measure(args: &MeasureArgs) -> anyhow::Result<Finished> {
         })?;
     let names: Vec<&str> = sources.iter().map(|source| source.name.as_str()).collect();
 
+    if let (Some(folder), Some(stages)) = (&args.explain, stages) {
+        let count = explain::write(folder, stages, &report, &names)?;
+        say(&format!("{}: {count} pictures", folder.display()));
+    }
     if let Some(path) = &args.output.overlay {
         let shown = names.iter().zip(&frames).zip(&report.faces);
         let views: Vec<View> =

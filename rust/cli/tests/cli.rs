@@ -55,6 +55,76 @@ fn broken_calibration(change: impl Fn(String) -> String, kind: &str) -> String {
     said
 }
 
+fn names_in(folder: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).unwrap();
+    let mut names: Vec<String> =
+        entries.map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned()).collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn each_stage_is_drawn() {
+    let parent = tempfile::tempdir().unwrap();
+    let folder = parent.path().join("stages");
+    let explained = boxline(&["measure", text(&data("b02")), "--explain", text(&folder)]);
+    assert_eq!(explained.status.code(), Some(0), "{}", stderr(&explained));
+    assert_eq!(stdout(&explained), stdout(&boxline(&["measure", text(&data("b02"))])));
+    let stages = ["frame", "network", "laser-light", "planes", "stripes", "outlines", "edges", "face"]
+        .iter()
+        .enumerate();
+    let of = |letter| stages.clone().map(move |(i, stage)| format!("{letter}-{}-{stage}.jpg", i + 1));
+    let due: Vec<String> = of("a").chain(of("b")).chain(["box.jpg".to_owned()]).collect();
+    assert_eq!(names_in(&folder), due);
+    let pictures: Vec<image::RgbImage> =
+        due.iter().map(|name| image::open(folder.join(name)).unwrap().into_rgb8()).collect();
+    assert!(pictures.iter().all(|picture| picture.width() == pictures[0].width()));
+    // What is drawn is drawn where it is: the middle of the face lies in the network's green and between its stripes.
+    let at = |picture: &image::RgbImage| picture.get_pixel(picture.width() / 2, picture.height() / 2).0;
+    let [r, g, b] = at(&pictures[1]);
+    assert!(g > r && g > b, "{:?}", [r, g, b]);
+
+    // Nothing is overwritten, and nothing is left beside it.
+    let again = boxline(&["measure", text(&data("b02")), "--explain", text(&folder)]);
+    assert_eq!((again.status.code(), stdout(&again).as_str()), (Some(2), ""));
+    assert!(stderr(&again).contains("is there already"), "{}", stderr(&again));
+    assert_eq!(names_in(parent.path()), ["stages"]);
+}
+
+#[test]
+fn the_stages_of_a_refused_view_are_drawn_up_to_the_one_that_refuses() {
+    let parent = tempfile::tempdir().unwrap();
+    let folder = parent.path().join("stages");
+    let (cut, none, head) = (data("refuse/r2.jpg"), data("refuse/r3.jpg"), calibration());
+    let arguments =
+        ["measure", text(&cut), text(&none), "--calibration", text(&head), "--explain", text(&folder)];
+    let output = boxline(&arguments);
+    assert_eq!(output.status.code(), Some(3), "{}", stderr(&output));
+    assert!(stdout(&output).contains("border"), "{}", stdout(&output));
+    let due = [
+        "a-1-frame.jpg",
+        "a-2-network.jpg",
+        "a-3-laser-light.jpg",
+        "a-4-planes.jpg",
+        "a-5-stripes.jpg",
+        "a-6-outlines.jpg",
+        "a-8-face.jpg",
+        "b-1-frame.jpg",
+        "b-2-network.jpg",
+        "b-3-laser-light.jpg",
+        "b-4-planes.jpg",
+        "b-8-face.jpg",
+        "box.jpg",
+    ];
+    assert_eq!(names_in(&folder), due);
+
+    // A folder that cannot be made: an error, and nothing left.
+    let nowhere = parent.path().join("no/stages");
+    let output = boxline(&[&arguments[..6], &[text(&nowhere)]].concat());
+    assert_eq!((output.status.code(), stdout(&output).as_str()), (Some(2), ""));
+    assert_eq!(names_in(parent.path()), ["stages"]);
+}
+
 #[test]
 fn a_network_of_one_map_is_for_hough_alone() {
     let model = data("../../rust/edgenet/tests/data/ihed-tiny.onnx");

@@ -1,8 +1,40 @@
-//! boxline measures boxes from two pictures with four laser stripes.
+//! boxline measures boxes from two pictures with four laser stripes. This crate is pure: frames and a calibration in, a report out. It
+//! reads no files (`boxline-proto` does), starts no threads, and runs no network itself (`boxline-edgenet` does).
 //!
-//! Data flows one way: frame, stripes, face plane, edges, rectangle, box; only [`pipeline`] knows all stages. A bad view
-//! is a [`Reject`] with numbers; an [`Error`] is a broken input; a panic is a bug.
-//! Conventions (frames, units, pixel origin): `rust/CONVENTIONS.md`.
+//! ```
+//! use boxline::{Frame, Outcome, Settings, StageTimes, measure_box};
+//! use boxline_proto::json::read_calibration;
+//! use std::path::Path;
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let data = Path::new("../../tests/data");
+//! let calibration = read_calibration(&data.join("calibration_set/calibration.json"))?;
+//! let a = Frame::from_jpeg(&std::fs::read(data.join("b02/a.jpg"))?)?; // two adjacent faces, all lasers on
+//! let b = Frame::from_jpeg(&std::fs::read(data.join("b02/b.jpg"))?)?;
+//!
+//! let report = measure_box(&[&a, &b], &calibration, &Settings::default(), &mut StageTimes::new())?;
+//! match report.outcome {
+//!     Outcome::Measured(size) => {
+//!         println!("length {:.1} ± {:.1} mm", size.length.value_mm, size.length.sigma_mm);
+//!         assert!((size.length.value_mm - 550.6).abs() < 2.0); // its true length
+//!     }
+//!     Outcome::Ambiguous(two) => panic!("one of two boxes: {two:?}"),
+//!     Outcome::Rejected(reason) => panic!("not measured: {reason}"),
+//! }
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! Without a network ([`Settings::network`]) fewer boxes are measured, none has a probability, and more are wrong; `examples/measure.rs` of
+//! `boxline-edgenet` has one. `examples/calibrate.rs` here makes a calibration from pictures of a board.
+//!
+//! Three things can come back. A result is an [`Outcome`]: lengths in mm, each an [`Estimate`] with one standard deviation. A view that
+//! cannot be measured is a [`Reject`] with numbers, which is a result too. An [`Error`] is a broken input: bytes, a calibration, sizes that
+//! do not fit. A panic is a bug.
+//!
+//! Positions in pictures are [`Px`] on the raw sensor, (0, 0) the centre of the first pixel. Points, rays and planes in space carry their
+//! frame of reference as a type ([`frames`]); `rust/CONVENTIONS.md` has all terms, units and frames. Data flows one way, from frame to
+//! stripes, face plane, edges, rectangle and box; only [`pipeline`] knows all stages, and [`trace`] lets a caller look on.
 #![forbid(unsafe_code)]
 
 mod box_depth;
@@ -38,6 +70,7 @@ pub mod report;
 mod scene;
 pub mod sides;
 mod stripe;
+pub mod trace;
 pub mod units;
 pub mod view;
 pub mod warning;

@@ -4,6 +4,7 @@ use crate::calibration::PARAMETERS;
 use crate::frames::{Cam, Plane, Point};
 use crate::network::{EdgeMapNetwork, Network};
 use crate::reject::Reject;
+use crate::trace::Trace;
 use crate::units::{AngleEstimate, Estimate, Px, Volume};
 use crate::warning::Warning;
 use nalgebra::{Matrix2, SMatrix};
@@ -65,9 +66,11 @@ pub struct Settings<'a> {
     pub least_confidence: f64,
     /// The four sides of a face need not stand at right angles; the corner angles are reported.
     pub free: bool,
+    /// Is told what each stage found.
+    pub trace: Option<&'a dyn Trace>,
 }
 
-/// Half of the 0.1 mrad that a laser's pointing drifts with temperature (physics.md): the four sit on one carrier and part
+/// Half of the 0.1 mrad that a laser's pointing drifts with temperature (PHYSICS.md): the four sit on one carrier and part
 /// of it is common.
 pub const USUAL_DRIFT_RAD: f64 = 0.05e-3;
 
@@ -90,6 +93,7 @@ impl Default for Settings<'_> {
             drift_rad: USUAL_DRIFT_RAD,
             least_confidence: LEAST_CONFIDENCE,
             free: false,
+            trace: None,
         }
     }
 }
@@ -106,6 +110,7 @@ impl std::fmt::Debug for Settings<'_> {
             .field("drift_rad", &self.drift_rad)
             .field("least_confidence", &self.least_confidence)
             .field("free", &self.free)
+            .field("trace", &self.trace.is_some())
             .finish()
     }
 }

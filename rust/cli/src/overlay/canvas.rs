@@ -47,6 +47,19 @@ impl Canvas {
         }
     }
 
+    /// Adds light of a colour to the px right of and below (x, y), in rows of `width`, as much as `share` says of each (0 to 1).
+    pub fn light(&mut self, [x, y]: [u32; 2], width: usize, color: Color, share: &[f32]) {
+        for (row, shares) in (y..).zip(share.chunks(width.max(1))) {
+            for (column, share) in (x..).zip(shares) {
+                if let Some(target) = self.image.get_pixel_mut_checked(column, row) {
+                    for (t, c) in target.0.iter_mut().zip(color) {
+                        *t = byte(f32::from(*t) + f32::from(c) * share.clamp(0.0, 1.0));
+                    }
+                }
+            }
+        }
+    }
+
     /// Mixes a rectangle with a colour.
     pub fn shade(&mut self, [x0, y0]: [f32; 2], [x1, y1]: [f32; 2], color: Color, alpha: f32) {
         self.cover([x0, y0], [x1, y1], color, |x, y| {

@@ -2,6 +2,7 @@
 //! flat the face is ([`surface`]), and the result in type that a phone screen can show. Takes results only; measures nothing.
 
 mod canvas;
+pub mod explain;
 mod surface;
 
 use crate::text;
@@ -192,6 +193,18 @@ pub fn format_of(path: &Path) -> anyhow::Result<image::ImageFormat> {
 fn make_readable(file: &std::fs::File) -> std::io::Result<()> {
     use std::os::unix::fs::PermissionsExt;
     file.set_permissions(std::fs::Permissions::from_mode(0o644))
+}
+
+/// The same of a folder.
+#[cfg(unix)]
+fn make_folder_readable(folder: &Path) -> std::io::Result<()> {
+    use std::os::unix::fs::PermissionsExt;
+    std::fs::set_permissions(folder, std::fs::Permissions::from_mode(0o755))
+}
+
+#[cfg(not(unix))]
+fn make_folder_readable(_: &Path) -> std::io::Result<()> {
+    Ok(())
 }
 
 #[cfg(not(unix))]

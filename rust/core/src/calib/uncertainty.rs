@@ -59,7 +59,7 @@ pub fn variance_of(
     Some((gradient.transpose() * covariance * gradient)[0].max(0.0))
 }
 
-/// The distance from which a face with this longer side fills the frame (physics.md, "What can be measured"): length +
+/// The distance from which a face with this longer side fills the frame (PHYSICS.md, "What can be measured"): length +
 /// width = 1.1 z with a width of 0.6 lengths, 350 to 2500 mm.
 #[must_use]
 pub fn usual_distance_mm(length_mm: f64) -> f64 {

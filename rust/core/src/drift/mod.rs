@@ -2,7 +2,7 @@
 //! for 8 unknowns. A joint adjustment over many faces gives the change of the twelve plane parameters; each face has its own
 //! plane and rectangle, eliminated face by face, as `calib` does with poses.
 //!
-//! What faces can tell (physics.md): the stripes of flat faces leave four parameters open, since `p -> a p + v` for all planes
+//! What faces can tell (PHYSICS.md): the stripes of flat faces leave four parameters open, since `p -> a p + v` for all planes
 //! at once moves every face and bends no stripe. Right angles close three of them (v), one stays: the global scale a. A known
 //! length settles it. Which directions are observable is not assumed but read from the adjustment ([`directions`]).
 

@@ -1,5 +1,5 @@
 //! The plane on which all stripe pixels lie: `(q - p_k) . x = 0` for a pixel with ray x on the stripe of laser k, linear
-//! in the plane q (physics.md). Weighted so that residuals are pixels, re-weighted so that outliers do not count.
+//! in the plane q (PHYSICS.md). Weighted so that residuals are pixels, re-weighted so that outliers do not count.
 
 use crate::calibration::Calibration;
 use crate::frames::{Cam, Plane, Ray};

@@ -1,5 +1,5 @@
 //! What a head sees of a face somewhere before it: corners, where the stripes cross its sides, and the lines that follow.
-//! physics.md, "What can be measured". The lasers' fans are taken as wider than the picture.
+//! PHYSICS.md, "What can be measured". The lasers' fans are taken as wider than the picture.
 
 use super::model::FaceState;
 use super::{FaceLines, Line, LinePoint, STRIPE_SYSTEMATIC_PX, side_systematic_px};
@@ -31,7 +31,7 @@ pub(crate) struct Crossing {
 }
 
 /// Residuals that a line's points are expected to have, px: one point in 4 px counts, as neighbours go together
-/// (physics.md, "Two ways to a box side").
+/// (PHYSICS.md, "From stripes and edges to sides").
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PointSigmas {
     pub stripe_px: f64,
@@ -40,7 +40,7 @@ pub(crate) struct PointSigmas {
     pub systematic: bool,
 }
 
-/// Speckle and blur as physics.md has them.
+/// Speckle and blur as PHYSICS.md has them.
 pub(crate) const USUAL: PointSigmas = PointSigmas { stripe_px: 0.3, edge_px: 0.5, systematic: true };
 const PX_PER_POINT: f64 = 4.0;
 

@@ -1,5 +1,5 @@
 //! What a head can measure, and how well: from its calibration alone, before any picture. A face can be measured if stripes
-//! 1 and 2 cross one pair of its sides, 3 and 4 the other, and all of it lies in the image (physics.md, "What can be
+//! 1 and 2 cross one pair of its sides, 3 and 4 the other, and all of it lies in the image (PHYSICS.md, "What can be
 //! measured"). The same check says of a refused view how to move ([`hint`]).
 
 pub mod hint;
@@ -20,7 +20,7 @@ use nalgebra::Vector3;
 const MARGIN: f64 = 0.02;
 /// Nearest and farthest distance that is tried, mm: the stripes are blurred before and faint beyond (README, limits).
 pub(crate) const DISTANCES_MM: (f64, f64) = (250.0, 3000.0);
-/// The head is made for faces up to this distance, mm: the largest of 1800 x 900 mm fills the picture from 2.45 m on (physics.md). What
+/// The head is made for faces up to this distance, mm: the largest of 1800 x 900 mm fills the picture from 2.45 m on (PHYSICS.md). What
 /// is known in pixels grows with distance, lines that the network cannot tell from an edge above all: UNCERTAINTY.md.
 const FARTHEST_MM: f64 = 2500.0;
 
@@ -168,7 +168,7 @@ mod tests {
     use crate::face_lines::simulation::{drawn_face, head};
     use crate::noise::Noise;
 
-    /// physics.md: 100 mm boxes at about 0.35 m, 1800 mm at about 2.45 m, (length + width) <= 1.1 z, aspect up to 5.5 : 1.
+    /// PHYSICS.md: 100 mm boxes at about 0.35 m, 1800 mm at about 2.45 m, (length + width) <= 1.1 z, aspect up to 5.5 : 1.
     #[test]
     fn the_papers_head_reaches_what_physics_says() {
         let calibration = head();

@@ -6,7 +6,7 @@ use crate::face_lines::model::{FittedFace, Planes};
 use crate::face_lines::view::{FacePose, PointSigmas, USUAL};
 use crate::units::LaserId;
 
-/// Pointing drift of one laser since the calibration, rad, 1 sigma: half of the 0.1 mrad of physics.md, since the four sit
+/// Pointing drift of one laser since the calibration, rad, 1 sigma: half of the 0.1 mrad of PHYSICS.md, since the four sit
 /// on one carrier.
 const LASER_DRIFT_RAD: f64 = 0.05e-3;
 /// A silhouette lies within 0.2 radii of the sharp edge, radii of cardboard scatter by 1 mm about 1.7 mm
@@ -76,7 +76,7 @@ mod tests {
     use super::*;
     use crate::face_lines::simulation::head;
 
-    /// physics.md has these from an independent computation: "face fit: edges 0.5 px, stripes 0.3 px, one sample per 4 px".
+    /// PHYSICS.md has these from an independent computation: "face fit: edges 0.5 px, stripes 0.3 px, one sample per 4 px".
     #[test]
     fn the_random_part_is_that_of_the_table_in_physics() {
         let calibration = head();
@@ -96,7 +96,7 @@ mod tests {
         }
     }
 
-    /// physics.md: 0.1 mrad shifts a 600 mm side by 0.12 to 0.17 mm and an 1800 mm side by 0.6 to 1.4 mm.
+    /// PHYSICS.md: 0.1 mrad shifts a 600 mm side by 0.12 to 0.17 mm and an 1800 mm side by 0.6 to 1.4 mm.
     #[test]
     fn drift_is_what_physics_says() {
         let calibration = head();

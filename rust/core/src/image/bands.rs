@@ -181,6 +181,7 @@ mod tests {
     use super::*;
     use crate::image::redness::{Z_STEPS, half_redness, ridge_map};
     use crate::noise::Noise;
+    use crate::units::Px;
 
     /// Noise of `sigma` with a red stripe along each diagonal, 12 px wide along a row.
     fn picture(sigma: f32, height: f32) -> Frame {
@@ -236,14 +237,8 @@ mod tests {
             }
             let frame = Frame::from_rgb(width, rows, rgb).expect("the size fits");
             let [map, _] = band_maps(&frame, [Diagonal::Down, Diagonal::Up]);
-            let along = (150..350).step_by(10).map(|v| {
-                let place = map.layout().columns[0] * (v + 60) as f32
-                    + map.layout().columns[1] * v as f32
-                    + map.layout().first;
-                let band = v / ROWS;
-                let column = place as isize + map.layout().lean as isize * band as isize;
-                f32::from(map.steps()[band * map.width + column as usize]) / Z_STEPS
-            });
+            let along = (150..350).step_by(10).map(f64::from);
+            let along = along.map(|v| map.steps_at(Px::new(v + 60.0, v)) as f32 / Z_STEPS);
             along.sum::<f32>() / 20.0
         };
         let on_orange = strength([222, 115, 45], [255, 194, 119]);

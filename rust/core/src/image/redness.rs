@@ -2,6 +2,7 @@
 //! diagonal stripe directions, in units of the local noise.
 
 use super::{Frame, LANES, word};
+use crate::units::Px;
 
 /// Direction of a stripe pair in the image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,7 +67,17 @@ impl RidgeMap {
         &self.z
     }
 
-    /// Value in sigmas times [`Z_STEPS`]; 0 outside the map. `u`, `v` in full-resolution px. For maps with each half-resolution row.
+    /// Value in sigmas times [`Z_STEPS`]; 0 outside the map. `at` in full-resolution px.
+    pub(crate) fn steps_at(&self, at: Px) -> i32 {
+        let Layout { columns, first, rows, lean, .. } = self.layout;
+        let [x, y] = [at.u, at.v].map(|x| x as f32 + 0.5);
+        let row = (y * rows).floor();
+        let column = (columns[0] * x + columns[1] * y + first).floor() + row * lean as f32;
+        let inside = (0.0..self.width as f32).contains(&column) && (0.0..self.height as f32).contains(&row);
+        if inside { i32::from(self.z[row as usize * self.width + column as usize]) } else { 0 }
+    }
+
+    /// The same. `u`, `v` in full-resolution px. For maps with each half-resolution row.
     #[inline]
     pub(crate) fn at_px(&self, u: f32, v: f32) -> i32 {
         let (i, j) = ((u * 0.5 + 0.25) as i32, (v * 0.5 + 0.25) as i32);

@@ -1,6 +1,7 @@
 //! One frame: from the picture to the faces that it may show, each measured.
 
 use super::progress::Progress;
+use super::tracer::Tracer;
 use crate::calibration::Calibration;
 use crate::confidence;
 use crate::edges::{EdgeDetector, hough::HoughDetector, subpixel::GradientDetector};
@@ -85,6 +86,9 @@ pub(super) fn see_face(
     progress.lap("network");
     check_cancelled(settings)?;
     let task = Task { frame, calibration, settings, asked: asked.as_ref(), edge_map: edge_map.as_ref() };
+    if let Some(asked) = &asked {
+        task.tracer().network(&asked.maps);
+    }
     let seen = face_stages(&task, &mut progress);
     check_cancelled(settings)?; // what was cut short is no result
     asked.map_or(Ok(()), Asked::finish)?;
@@ -134,6 +138,12 @@ struct Task<'a> {
     edge_map: Option<&'a EdgeMap>,
 }
 
+impl Task<'_> {
+    fn tracer(&self) -> Tracer<'_> {
+        Tracer { trace: self.settings.trace, frame: self.frame, calibration: self.calibration }
+    }
+}
+
 fn face_stages(task: &Task, progress: &mut Progress) -> Result<FaceHypotheses, Reject> {
     let Task { frame, calibration, asked, .. } = *task;
     let maps = asked.map(|asked| &asked.maps);
@@ -143,6 +153,7 @@ fn face_stages(task: &Task, progress: &mut Progress) -> Result<FaceHypotheses, R
     let planes =
         grid_search::find_planes(calibration, &evidence(&ridges, maps), grid_search::IN_RIDGES, PLANES);
     progress.lap("grid");
+    task.tracer().planes(&ridges, &planes);
     let refusal = match measure_on_planes(task, &planes, Sight::Clear, progress) {
         Ok(seen) => return Ok(seen),
         // Whether a stripe is dark or misses the face is told by the other three.
@@ -164,6 +175,7 @@ fn face_stages(task: &Task, progress: &mut Progress) -> Result<FaceHypotheses, R
     let planes: Vec<GridHypothesis> =
         planes.iter().map(|plane| grid_search::climb(calibration, &evidence, plane)).collect();
     progress.lap("faint");
+    task.tracer().planes(&faint, &planes);
     measure_on_planes(task, &planes, Sight::Faint, progress).map_err(|faint| {
         progress.pose = progress.pose.take().or(seen);
         faint.or(refusal).unwrap_or_else(|| no_box(0.0))
@@ -216,6 +228,9 @@ fn measure_on_plane(
     let inner = inner.ok_or_else(|| no_box(0.0))?;
     let wide = follow_stripes(frame, calibration, &inner, None);
     progress.lap("stripes");
+    if let Some(stripes) = &wide {
+        task.tracer().stripes(stripes);
+    }
     match task.edge_map {
         Some(map) => measure_in_edge_map(task, &inner, &wide.ok_or_else(|| no_box(0.0))?, map, progress),
         None => measure_outlines(task, &inner, wide.as_ref(), progress),
@@ -262,6 +277,7 @@ fn measure_outlines(
     let outlines = outlines(frame, calibration, wide, &outline, asked, seen.as_ref(), &lit)
         .ok_or_else(|| no_box(0.0))?;
     progress.lap("outline");
+    task.tracer().outlines(&outlines);
     let best = outlines.first().ok_or(Reject::RectangleOpen { sides_found: 0 })?;
     progress.see(&best.outline.raster, &best.outline.offsets_mm);
     let mut free = 1.0;

@@ -2,6 +2,7 @@
 
 mod face;
 mod progress;
+mod tracer;
 
 use crate::box_depth;
 use crate::calibration::Calibration;

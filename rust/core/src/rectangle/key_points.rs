@@ -19,7 +19,7 @@ pub(crate) struct KeyPointSides {
 }
 
 /// Localisation of a key point, px: along its stripe that of a fitted edge, across it that of a fitted stripe at its end
-/// (the paper reports 1.96 px for its network's key points; physics.md).
+/// (the paper reports 1.96 px for its network's key points; PHYSICS.md).
 const EDGE_SIGMA_PX: f64 = 0.5;
 const STRIPE_SIGMA_PX: f64 = 0.15;
 

@@ -40,7 +40,7 @@ const BOX_MM: f64 = 5.0;
 const BOX_PX: std::ops::RangeInclusive<f64> = 6.0..=30.0;
 /// ... and this far beyond a silhouette.
 const BEHIND_PX: usize = 5;
-/// Radii that are tried, mm: cardboard's 0.5 to 4 (physics.md) and what lies beyond, every scale alike.
+/// Radii that are tried, mm: cardboard's 0.5 to 4 (PHYSICS.md) and what lies beyond, every scale alike.
 /// Six share cardboard's range, one lies beyond either end.
 const RADII: usize = 8;
 const RADII_MM: (f64, f64) = (0.42, 4.76);

@@ -1,5 +1,5 @@
 //! What the residuals of a fitted face say beside its size. Four stripes and four sides are 16 line coefficients for 8
-//! unknowns (physics.md); the other 8 must be zero within their sigmas: 5 say whether the stripes lie on one plane (asked again for
+//! unknowns (PHYSICS.md); the other 8 must be zero within their sigmas: 5 say whether the stripes lie on one plane (asked again for
 //! each laser by itself, which is the sharper question if one has moved), 3 whether
 //! the sides form a rectangle. Four more say whether each stripe is straight.
 //!

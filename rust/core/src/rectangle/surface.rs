@@ -1,4 +1,4 @@
-//! How far the surface lies from the fitted plane along each stripe: what bends a stripe is a bulge or a dent (physics.md). The
+//! How far the surface lies from the fitted plane along each stripe: what bends a stripe is a bulge or a dent (PHYSICS.md). The
 //! plane has taken up what it could, so heights are against the mean plane; where one bow explains all stripes, against that
 //! of the sides.
 

@@ -84,7 +84,7 @@ const MIN_AMPLITUDE: f64 = 2.0;
 const MIN_SMOOTH_AMPLITUDE: f64 = 0.8;
 /// Sums of so many rows of bytes fit 16 bits.
 const MOST_ROWS: usize = 257;
-/// Speckle: the centre of one row scatters by this much (physics.md: 0.2 to 0.4 px), rows decorrelate after 1.5.
+/// Speckle: the centre of one row scatters by this much (PHYSICS.md: 0.2 to 0.4 px), rows decorrelate after 1.5.
 pub(crate) const SPECKLE_PX: f64 = 0.3;
 pub(crate) const SPECKLE_ROWS: f64 = 1.5;
 

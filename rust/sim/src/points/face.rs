@@ -32,7 +32,7 @@ struct Noise {
 
 /// Share of stripe centres that print or a scratch put elsewhere, and how far, px.
 const OUTLIERS: (f64, f64) = (0.01, 4.0);
-/// Blur and unequal brightness move a whole edge, and its ends against each other, px, 1 sigma (physics.md: sub-pixel
+/// Blur and unequal brightness move a whole edge, and its ends against each other, px, 1 sigma (PHYSICS.md: sub-pixel
 /// edges are good to about this).
 const EDGE_SHIFT_PX: f64 = 0.2;
 /// Blur of lens, motion and demosaicing, px.
