@@ -21,7 +21,7 @@ use indicatif::ProgressBar;
 use nalgebra::{DMatrix, DVector, Rotation3, Vector3};
 use serde_json::{Value, json};
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -48,6 +48,9 @@ struct Args {
     /// Where one line a head is kept
     #[arg(long)]
     out: PathBuf,
+    /// Folder where pictures are kept, so that the same heads with the same faults are rendered once
+    #[arg(long)]
+    pictures: Option<PathBuf>,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -123,16 +126,11 @@ fn main() -> Result<()> {
 fn head(args: &Args, seed: u64) -> Result<Value> {
     let faults = args.faults.unwrap_or_else(|| drawn(seed));
     let recipe = Recipe { head: args.head.into(), faults, ..Recipe::new(seed, Kind::Board(args.frames)) };
-    let mut pictures = Vec::new();
-    let mut truth = Value::Null;
-    render_recording(&recipe, &Stock::new(Split::HeldOut), |name, bytes| {
-        if name.ends_with(".jpg") {
-            pictures.push(bytes);
-        } else if name == "truth.json" {
-            truth = serde_json::from_slice(&bytes).unwrap_or_default();
-        }
-        Ok(())
-    })?;
+    let kept = args.pictures.as_ref().map(|folder| folder.join(seed.to_string()));
+    let (pictures, truth) = match kept.filter(|folder| folder.exists()) {
+        Some(folder) => read_pictures(&folder, args.frames)?,
+        None => rendered(&recipe, args.pictures.as_deref())?,
+    };
     let faults_json = truth["faults"].clone();
     let solution = match calibrate(&pictures)? {
         Ok(solution) => solution,
@@ -179,6 +177,43 @@ fn head(args: &Args, seed: u64) -> Result<Value> {
         "plane_error_sigmas": plane_sigmas,
         "sides": sides.collect::<Vec<_>>(),
     }))
+}
+
+/// The pictures of a head and their truth.
+type Pictures = (Vec<Vec<u8>>, Value);
+
+fn picture_name(i: usize) -> String {
+    format!("{i:02}.jpg")
+}
+
+fn read_pictures(folder: &Path, count: usize) -> Result<Pictures> {
+    let read = |name: &str| std::fs::read(folder.join(name));
+    let pictures = (0..count).map(|i| read(&picture_name(i))).collect::<std::io::Result<_>>()?;
+    Ok((pictures, serde_json::from_slice(&read("truth.json")?)?))
+}
+
+fn rendered(recipe: &Recipe, keep_in: Option<&Path>) -> Result<Pictures> {
+    let (mut pictures, mut truth) = (Vec::new(), Value::Null);
+    render_recording(recipe, &Stock::new(Split::HeldOut), |name, bytes| {
+        if name.ends_with(".jpg") {
+            pictures.push(bytes);
+        } else if name == "truth.json" {
+            truth = serde_json::from_slice(&bytes).unwrap_or_default();
+        }
+        Ok(())
+    })?;
+    if let Some(folder) = keep_in {
+        // A head's folder is there whole or not at all.
+        let (part, whole) =
+            (folder.join(format!("{}.part", recipe.seed)), folder.join(recipe.seed.to_string()));
+        std::fs::create_dir_all(&part)?;
+        for (i, picture) in pictures.iter().enumerate() {
+            std::fs::write(part.join(picture_name(i)), picture)?;
+        }
+        std::fs::write(part.join("truth.json"), truth.to_string())?;
+        std::fs::rename(part, whole)?;
+    }
+    Ok((pictures, truth))
 }
 
 fn calibrate(pictures: &[Vec<u8>]) -> Result<std::result::Result<CalibrationSolution, String>> {

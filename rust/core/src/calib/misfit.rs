@@ -145,6 +145,8 @@ const LEAST_EXPLAINED: f64 = 0.05;
 /// Combinations of which less than this share of the information is left once poses and camera are free are none: they are a pose's or
 /// the camera's (a board and planes that grow together are the same picture), and what is left is rounding.
 const LEAST_KNOWN: f64 = 1e-6;
+/// What a lens's terms may be before frames are seen, p1, p2 and k3: half of 0.01 and 0.2, beyond which lenses are no longer sold for this.
+const LENS_SIGMAS: [(usize, f64); 3] = [(18, 0.005), (19, 0.005), (20, 0.1)];
 /// Steps of Gauss and Newton. Patterns are linear to some 0.1 % of themselves; the second step is for the noise, which is known after
 /// the first, the third for what the weights then change.
 const STEPS: usize = 3;
@@ -165,25 +167,18 @@ pub(super) struct Found {
     pub misfits: Vec<Misfit>,
     /// Camera and planes solved with these patterns, but for a lens's, of which a camera has no terms.
     pub shared: Shared,
-    /// Of these; `None` if they are solved without patterns.
-    covariance: Option<CalibrationCovariance>,
-    /// How far Brown's terms would move them, if the lens does not fit: one more standard deviation.
-    pull: CalibrationStep,
+    /// Of these.
+    pub covariance: CalibrationCovariance,
+    /// What the frames tell about these, and what is known of the lens's terms before.
+    pub information: Information,
 }
 
-impl Found {
-    /// Covariance of camera and planes, if `plain` is that of what was solved without patterns.
-    pub fn covariance(&self, plain: &CalibrationCovariance) -> CalibrationCovariance {
-        self.covariance.unwrap_or(*plain) + self.pull * self.pull.transpose()
-    }
-}
-
-/// The patterns in the residuals. A lens ends the search: its unknowns can take the place of much else.
-pub(super) fn misfits(solved: &Solved) -> Found {
+/// The patterns in the residuals, and camera and planes with them. `None` if the frames do not fix these. A lens ends the search: its
+/// unknowns can take the place of much else.
+pub(super) fn misfits(solved: &Solved) -> Option<Found> {
     let single_px = solved.single_px();
     let mut misfits = Vec::new();
     let mut known = Wider::none(solved);
-    let mut pull = CalibrationStep::zeros();
     let all = known.square_px;
     while let Some(wider) = known.best_wider(solved, all) {
         let Some(kind) = wider.patterns.last() else { break };
@@ -196,15 +191,12 @@ pub(super) fn misfits(solved: &Solved) -> Found {
             limit: wider.limit(),
         });
         if kind == MisfitKind::Lens {
-            let moved = known.left.with_all_lens_terms().map(|brown| brown.minus(&known.left.shared));
-            let moved = moved.unwrap_or_default();
-            pull = CalibrationStep::from_fn(|i, _| if solved.fixed.contains(i) { 0.0 } else { moved[i] });
             break;
         }
         known = wider;
     }
-    let covariance = if known.patterns.kinds.is_empty() { None } else { known.covariance() };
-    Found { misfits, shared: known.left.shared, covariance, pull }
+    let (information, covariance) = known.covariance()?;
+    Some(Found { misfits, shared: known.left.shared, covariance, information })
 }
 
 /// Wilson and Hilferty's quantile of chi-square.
@@ -333,10 +325,20 @@ impl Wider {
         Some(Self { patterns, values, square_px: square_px(&left), left, chi_square, variances, unknowns })
     }
 
-    /// Of camera and planes, the patterns free. Their unknowns are taken to be normal, about zero, as large as they came out: a mean focal
-    /// length is known only as well as the frames' own are alike.
-    fn covariance(&self) -> Option<CalibrationCovariance> {
-        let Told { mut information, .. } = self.left.normal_equations(&self.patterns)?;
+    /// Information and covariance of camera and planes, with the patterns and all of Brown's terms free. The patterns' unknowns are taken to
+    /// be normal, about zero, as large as they came out: a mean focal length is known only as well as the frames' own are alike. A term that
+    /// the camera has not is 0 as long as the frames do not choose it, and that may be wrong: it is known as well as [`LENS_SIGMAS`] and the
+    /// frames together tell, and how far it would move from 0, and camera and planes with it, is one more standard deviation.
+    fn covariance(&self) -> Option<(Information, CalibrationCovariance)> {
+        let given = self.left.fixed;
+        let fixed = Fixed { lens: LensTerms::BROWN, ..given };
+        let free = Solved { fixed, ..self.left.clone() };
+        let Told { mut information, right, .. } = free.normal_equations(&self.patterns)?;
+        for (i, sigma) in LENS_SIGMAS {
+            if given.contains(i) && !fixed.contains(i) {
+                information[(i, i)] += sigma.powi(-2);
+            }
+        }
         let mut first = 0;
         for kind in &self.patterns.kinds {
             let (common, own) = self.patterns.unknowns(*kind);
@@ -359,14 +361,17 @@ impl Wider {
         let across = &units * block(SHARED, 0, rest, SHARED);
         let left = block(0, 0, SHARED, SHARED) - across.transpose() * patterns.solve(&across);
         let mut left = Information::from_fn(|i, j| left[(i, j)]);
-        (0..SHARED).filter(|i| self.left.fixed.contains(*i)).for_each(|i| left[(i, i)] = FIXED);
-        let (_, inverse) = solve_scaled(&left, &SVector::zeros())?;
+        (0..SHARED).filter(|i| fixed.contains(*i)).for_each(|i| left[(i, i)] = FIXED);
+        let right =
+            right.rows(0, SHARED) - across.transpose() * patterns.solve(&(&units * right.rows(SHARED, rest)));
+        let (step, inverse) = solve_scaled(&left, &SVector::from_fn(|i, _| right[i]))?;
+        let lens = CalibrationStep::from_fn(|i, _| if fixed.contains(i) { 0.0 } else { step[i] });
         let scale = self.scale_sigma();
-        let mut pull = CalibrationStep::zeros();
+        let mut scaled = CalibrationStep::zeros();
         for (k, plane) in self.left.shared.planes.iter().enumerate() {
-            pull.fixed_rows_mut::<3>(PLANES + 3 * k).copy_from(&(plane * scale));
+            scaled.fixed_rows_mut::<3>(PLANES + 3 * k).copy_from(&(plane * scale));
         }
-        Some(covariance(&inverse) + pull * pull.transpose())
+        Some((left, covariance(&inverse) + lens * lens.transpose() + scaled * scaled.transpose()))
     }
 
     /// Of a stretched board, which of its pitches is the file's is unknown: half of their difference, as a share of all lengths.
@@ -473,14 +478,6 @@ impl Told {
 type By = Vec<(usize, f64)>;
 
 impl Solved {
-    /// Camera and planes with all terms of the lens.
-    fn with_all_lens_terms(&self) -> Option<Shared> {
-        let Self { mut shared, mut frames, .. } = self.clone();
-        let fixed = Fixed { lens: LensTerms::BROWN, ..self.fixed };
-        adjust(&mut shared, &mut frames, &self.scatter, fixed, Loss::Tukey)?;
-        Some(shared)
-    }
-
     /// From the residual of each circle against the mean of its two neighbours in the list, which are its neighbours on the board.
     fn single_px(&self) -> f64 {
         let off = self.frames.iter().flat_map(|frame| {

@@ -42,6 +42,7 @@ impl Shared {
     }
 
     /// Difference of the parameters, in the order of the covariance.
+    #[cfg(test)]
     pub fn minus(&self, other: &Self) -> SVector<f64, PARAMETERS> {
         let parameters = |s: &Self| {
             let c = &s.camera;

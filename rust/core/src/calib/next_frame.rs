@@ -36,7 +36,11 @@ pub fn next_frame(solution: &CalibrationSolution) -> Option<Advice> {
     let sigma = |covariance: &CalibrationCovariance| {
         side_sigma_mm(&solution.camera, &solution.lasers, covariance, LENGTH_MM, usual_distance_mm(LENGTH_MM))
     };
-    let sigma_now_mm = sigma(&solution.covariance)?;
+    let sigma_of = |information: &adjust::Information| {
+        let (_, inverse) = adjust::solve_scaled(information, &SVector::zeros())?;
+        sigma(&adjust::covariance(&inverse))
+    };
+    let sigma_now_mm = sigma_of(&solution.information)?;
     let mut best: Option<Advice> = None;
     for distance_mm in [600.0, 1000.0, 1500.0, 2000.0, 2500.0] {
         for tilt_deg in [0.0f64, 20.0, 40.0] {
@@ -46,9 +50,7 @@ pub fn next_frame(solution: &CalibrationSolution) -> Option<Advice> {
                 }
                 let frame = imagined(solution, distance_mm, tilt_deg, towards_deg);
                 let Some(information) = information_of(solution, &frame) else { continue };
-                let total = solution.information + information;
-                let Some((_, inverse)) = adjust::solve_scaled(&total, &SVector::zeros()) else { continue };
-                let Some(sigma_then_mm) = sigma(&adjust::covariance(&inverse)) else { continue };
+                let Some(sigma_then_mm) = sigma_of(&(solution.information + information)) else { continue };
                 if best.is_none_or(|b| sigma_then_mm < b.sigma_then_mm) {
                     best = Some(Advice { distance_mm, tilt_deg, towards_deg, sigma_now_mm, sigma_then_mm });
                 }

@@ -255,14 +255,11 @@ fn wrong_set(noise: &mut Noise, kind: Option<MisfitKind>) -> WrongSet {
     let fixed = Fixed { skew: true, distortion: false, lens: LensTerms::PAPER, planes: false, all: false };
     let mut shared = head.clone();
     adjust(&mut shared, &mut seen, &Scatter::EVEN, fixed, Loss::Huber).expect("a good set");
-    let mut information = None;
     for _ in 0..3 {
         own_sigmas(&shared, &mut seen);
         let spread = scatter(&shared, &seen);
-        information = adjust(&mut shared, &mut seen, &spread, fixed, Loss::Tukey);
+        adjust(&mut shared, &mut seen, &spread, fixed, Loss::Tukey).expect("a good set");
     }
-    let (_, inverse) =
-        solve_scaled(&information.expect("a good set"), &SVector::zeros()).expect("a good set");
     let spread = scatter(&shared, &seen);
     let solved = misfit::Solved {
         shared: shared.clone(),
@@ -271,13 +268,13 @@ fn wrong_set(noise: &mut Noise, kind: Option<MisfitKind>) -> WrongSet {
         fixed,
         image_px: [2592, 1944],
     };
-    let found = misfit::misfits(&solved);
+    let found = misfit::misfits(&solved).expect("a good set");
     for misfit in &found.misfits {
         println!("{kind:?}: {misfit}, chi^2 {:.0} over {:.0}; {size:?}", misfit.chi_square, misfit.limit);
     }
-    let covariance = found.covariance(&covariance(&inverse));
     let error = found.shared.minus(&head);
-    WrongSet { found, size, sigmas: [0, 1, 2, 3].map(|i| error[i] / covariance[(i, i)].sqrt()) }
+    let sigmas = [0, 1, 2, 3].map(|i| error[i] / found.covariance[(i, i)].sqrt());
+    WrongSet { found, size, sigmas }
 }
 
 /// Each pattern is named first where it is, with its size, and none where nothing is wrong; sigmas take in what it does to the camera.

@@ -1,14 +1,14 @@
 //! From what all frames show to the calibration: camera from the circles, then stripes, then everything together.
 
 use super::adjust::{
-    CentreSeen, Fixed, FrameSeen, Loss, Scatter, StripeSeen, adjust, covariance, own_sigmas, residuals,
-    rms_of_centres, scatter, solve_scaled, weight,
+    CentreSeen, Fixed, FrameSeen, Information, Loss, Scatter, StripeSeen, adjust, own_sigmas, residuals,
+    rms_of_centres, scatter, weight,
 };
 use super::board::{Board, BoardView, Circle, OnBoard};
 use super::judge;
 use super::lens::{self, LensChoice, LensTerms, LensTrial};
 use super::misfit::{self, Misfit};
-use super::model::{SHARED, Shared};
+use super::model::Shared;
 use super::planes::{self, StripesInSpace};
 use super::reject::{CalibrationReject, FrameReject};
 use super::rim::{centre_from_rim, median, on_board};
@@ -19,7 +19,7 @@ use crate::camera::CameraModel;
 use crate::frames::{Cam, Plane, Point, Pose};
 use crate::image::Frame;
 use crate::units::{LaserId, Px};
-use nalgebra::{SMatrix, SVector, Vector2, Vector3};
+use nalgebra::{Vector2, Vector3};
 
 /// Fewest frames: as the paper's set could be cut down to; 5 are less than what the checks below need.
 pub const MIN_FRAMES: usize = 6;
@@ -159,16 +159,15 @@ impl CameraSolution {
         let mut used = self.used_frames();
         own_sigmas(&self.shared, &mut used);
         let spread = scatter(&self.shared, &used);
-        let information =
-            adjust(&mut self.shared, &mut used, &spread, fixed, Loss::Tukey).ok_or_else(unsolved)?;
-        let (_, inverse) = solve_scaled(&information, &SVector::zeros()).ok_or_else(unsolved)?;
+        adjust(&mut self.shared, &mut used, &spread, fixed, Loss::Tukey).ok_or_else(unsolved)?;
         let image_px = [self.views[0].width_px, self.views[0].height_px];
         let rms = rms_of_centres(&self.shared, &used);
         let (shared, frames) = (self.shared.clone(), used);
-        let found = misfit::misfits(&misfit::Solved { shared, frames, scatter: spread, fixed, image_px });
+        let found = misfit::misfits(&misfit::Solved { shared, frames, scatter: spread, fixed, image_px })
+            .ok_or_else(unsolved)?;
         Ok(CameraAlone {
             camera: found.shared.camera,
-            covariance: found.covariance(&covariance(&inverse)),
+            covariance: found.covariance,
             centre_rms_px: [rms.x, rms.y],
             views: (0..self.views.len()).filter(|i| self.rejects[*i].is_none()).collect(),
             misfits: found.misfits,
@@ -345,7 +344,7 @@ pub struct CalibrationSolution {
     pub misfits: Vec<Misfit>,
     pub(super) next: Vec<FrameSeen>,
     pub(super) shared: Shared,
-    pub(super) information: SMatrix<f64, SHARED, SHARED>,
+    pub(super) information: Information,
     pub(super) image_px: [usize; 2],
     pub(super) board: Board,
 }
@@ -399,21 +398,17 @@ pub fn solve_all(
     let mut spread = scatter(&solution.shared, &used);
     spread.stripes = spread.stripes.max(1.0);
     adjust(&mut solution.shared, &mut used, &spread, fixed, Loss::Huber).ok_or_else(unsolved)?;
-    let mut information = None;
     for _ in 0..RIM_ROUNDS {
         solution.put_back(used);
         solution.centres_from_rims();
         used = solution.used_frames();
         own_sigmas(&solution.shared, &mut used);
         spread = scatter(&solution.shared, &used);
-        information = adjust(&mut solution.shared, &mut used, &spread, fixed, Loss::Tukey);
+        adjust(&mut solution.shared, &mut used, &spread, fixed, Loss::Tukey).ok_or_else(unsolved)?;
     }
-    let information = information.ok_or_else(unsolved)?;
-    let (_, inverse) = solve_scaled(&information, &SVector::zeros()).ok_or_else(unsolved)?;
-    let covariance = covariance(&inverse);
     let views: Vec<usize> = (0..solution.views.len()).filter(|i| solution.rejects[*i].is_none()).collect();
     let image_px = [solution.views[0].width_px, solution.views[0].height_px];
-    Ok(summarise(solution, used, &views, spread, covariance, information, image_px))
+    summarise(solution, used, &views, spread, image_px).ok_or_else(unsolved)
 }
 
 fn summarise(
@@ -421,10 +416,8 @@ fn summarise(
     used: Vec<FrameSeen>,
     views: &[usize],
     spread: Scatter,
-    covariance: CalibrationCovariance,
-    information: SMatrix<f64, SHARED, SHARED>,
     image_px: [usize; 2],
-) -> CalibrationSolution {
+) -> Option<CalibrationSolution> {
     let fixed = solution.fixed(false, false);
     let CameraSolution { shared, board, lens, trials, .. } = solution;
     let found = misfit::misfits(&misfit::Solved {
@@ -433,8 +426,7 @@ fn summarise(
         scatter: spread,
         fixed,
         image_px,
-    });
-    let covariance = found.covariance(&covariance);
+    })?;
     let mut frames = Vec::with_capacity(used.len());
     let mut stripe_sums = [(0.0, 0.0f64); 4];
     for (seen, view) in used.iter().zip(views) {
@@ -465,10 +457,10 @@ fn summarise(
         });
     }
     let rms = rms_of_centres(&shared, &used);
-    CalibrationSolution {
+    Some(CalibrationSolution {
         camera: found.shared.camera,
         lasers: planes::typed(&found.shared.planes),
-        covariance,
+        covariance: found.covariance,
         centre_rms_px: [rms.x, rms.y],
         stripe_rms_px: stripe_sums.map(|(sum, n)| (sum / n.max(1.0)).sqrt()),
         scatter: [spread.centres, spread.stripes],
@@ -479,8 +471,8 @@ fn summarise(
         misfits: found.misfits,
         next: used,
         shared,
-        information,
+        information: found.information,
         image_px,
         board,
-    }
+    })
 }
