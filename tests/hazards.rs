@@ -37,7 +37,7 @@ fn wrong_faces(recordings: &[Recorded]) -> Vec<String> {
         {
             let truth = recorded.truth.faces.iter().find(|face| face.frame == shown.id).unwrap();
             let frame = recorded.frame(&shown.id);
-            match measure_face(&frame, &recorded.calibration, &settings, &mut Vec::new()).unwrap() {
+            match measure_face(&frame, &recorded.calibration, &settings).unwrap().outcome {
                 FaceOutcome::Rejected(_) => refused += 1,
                 FaceOutcome::Measured(face) => {
                     measured += 1;
@@ -86,7 +86,7 @@ fn one_colour_print_and_tape() {
         let Some(folder) = shared(&format!("recordings/{name}")) else { return };
         let recorded = Recorded::read_from(&folder);
         let [a, b] = ["a", "b"].map(|id| recorded.frame(id));
-        let report = measure_box(&[&a, &b], &recorded.calibration, &settings, &mut Vec::new()).unwrap();
+        let report = measure_box(&[&a, &b], &recorded.calibration, &settings).unwrap();
         if let Outcome::Measured(found) = &report.outcome {
             assert!(!is_wrong_box(found, recorded.truth.box_mm.unwrap()), "{name}: {found:?}");
         }
@@ -131,9 +131,8 @@ fn a_tile_of_a_floor_is_no_face() {
     let network = network();
     let network: Option<&dyn Network> = Some(&network);
     let settings = Settings { network, least_confidence: 0.0, ..Settings::default() };
-    let measure = |lit_mm| {
-        measure_face(&tiles(&calibration, 150.0, lit_mm), &calibration, &settings, &mut Vec::new()).unwrap()
-    };
+    let measure =
+        |lit_mm| measure_face(&tiles(&calibration, 150.0, lit_mm), &calibration, &settings).unwrap().outcome;
     // The same tile as the face of a box, beside which the light falls elsewhere, can be measured.
     assert!(matches!(measure(150.0), FaceOutcome::Measured(_)), "{:?}", measure(150.0));
     let refused = measure(f64::INFINITY);

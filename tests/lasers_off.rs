@@ -32,9 +32,8 @@ fn a_box_whose_print_hides_its_stripes_is_measured_with_its_twin() {
     };
     let network = EdgeNet::embedded(&Options::default()).unwrap();
     let settings = Settings { network: Some(&network as &dyn Network), ..Settings::default() };
-    let outcome = |frames: &[Frame; 2]| {
-        measure_box(&frames.each_ref(), &calibration, &settings, &mut Vec::new()).unwrap().outcome
-    };
+    let outcome =
+        |frames: &[Frame; 2]| measure_box(&frames.each_ref(), &calibration, &settings).unwrap().outcome;
     let mut frames = ["a", "b"].map(frame);
     let plain = outcome(&frames);
     assert!(matches!(plain, Outcome::Rejected(_)), "{plain:?}");

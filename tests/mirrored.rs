@@ -73,7 +73,7 @@ fn renumbered(frame: &Frame, calibration: &Calibration) -> (Frame, Calibration) 
 
 fn sides(frame: &Frame, calibration: &Calibration) -> Result<[Estimate; 2], Reject> {
     let told = Settings { least_confidence: 0.0, ..shipped() };
-    match measure_face(frame, calibration, &told, &mut Vec::new()).unwrap() {
+    match measure_face(frame, calibration, &told).unwrap().outcome {
         FaceOutcome::Measured(face) => Ok([face.length, face.width]),
         FaceOutcome::Rejected(reject) => Err(reject),
     }

@@ -3,7 +3,9 @@
 #![allow(clippy::unwrap_used)] // the helpers of tests are tests
 
 use boxline::network::{Channel, EdgeMap, EdgeMapNetwork};
-use boxline::{EdgeMethod, Error, FaceOutcome, Frame, Method, Network, Settings, measure_box, measure_face};
+use boxline::{
+    BoxReport, EdgeMethod, Error, FaceOutcome, Frame, Method, Network, Settings, measure_box, measure_face,
+};
 use boxline_edgenet::{EdgeNet, Options};
 use boxline_tests::{FrameThreads, Recorded};
 
@@ -30,7 +32,7 @@ fn right_or_refused(settings: &Settings, least_measured: usize) {
         for truth in &recorded.truth.faces {
             let what = format!("{name} {}", truth.frame);
             let frame = recorded.frame(&truth.frame);
-            match measure_face(&frame, &recorded.calibration, settings, &mut Vec::new()).unwrap() {
+            match measure_face(&frame, &recorded.calibration, settings).unwrap().outcome {
                 FaceOutcome::Rejected(_) if recorded.truth.must_refuse => {}
                 FaceOutcome::Rejected(reject) => refused.push(format!("{what}: {reject}")),
                 FaceOutcome::Measured(face) if recorded.truth.must_refuse => {
@@ -62,8 +64,10 @@ fn frames_side_by_side_ask_the_network_side_by_side_and_give_the_same_report() {
     let together = Settings { workers: Some(&FrameThreads), ..alone };
     for count in 1..=3 {
         let frames: Vec<&Frame> = frames.iter().take(count).collect();
-        let [report, same] = [alone, together]
-            .map(|settings| measure_box(&frames, &recorded.calibration, &settings, &mut Vec::new()));
+        let [report, same] =
+            [alone, together].map(|settings| measure_box(&frames, &recorded.calibration, &settings));
+        let [report, same] =
+            [report, same].map(|report| report.map(|report| BoxReport { times: Vec::new(), ..report }));
         assert_eq!(format!("{report:?}"), format!("{same:?}"), "{count} frames");
     }
 }
@@ -96,8 +100,7 @@ fn the_paper_s_chain_measures_on_one_map_that_does_not_tell_stripes_from_edges()
     for (name, frame) in [("b01", "a"), ("b02", "a"), ("b02", "b"), ("b03", "a"), ("b06", "a")] {
         let recorded = Recorded::read(name);
         let truth = recorded.truth.faces.iter().find(|face| face.frame == frame).unwrap();
-        let outcome =
-            measure_face(&recorded.frame(frame), &recorded.calibration, &settings, &mut Vec::new()).unwrap();
+        let outcome = measure_face(&recorded.frame(frame), &recorded.calibration, &settings).unwrap().outcome;
         match outcome {
             FaceOutcome::Rejected(reject) => println!("{name} {frame}: {reject}"),
             FaceOutcome::Measured(face) => {

@@ -47,7 +47,7 @@ fn wrong(name: &str) -> Vec<(String, [f64; 3])> {
         let changed = [changed(0), changed(1)];
         assert!(changed.iter().any(Option::is_some), "{name} has no room for {change}");
         let [a, b]: [&Frame; 2] = [0, 1].map(|i| changed[i].as_ref().unwrap_or(&frames[i]));
-        let report = measure_box(&[a, b], &recorded.calibration, &settings, &mut Vec::new()).unwrap();
+        let report = measure_box(&[a, b], &recorded.calibration, &settings).unwrap();
         if let Outcome::Measured(found) = &report.outcome {
             println!("{name}, {change}: {:.1?}", sides_mm(found));
             if is_wrong_box(found, truth_mm) {

@@ -33,7 +33,7 @@ fn ways() -> [(&'static str, Settings<'static>); 4] {
 }
 
 fn measure(first: &Frame, second: &Frame, recorded: &Recorded, settings: &Settings) -> BoxReport {
-    measure_box(&[first, second], &recorded.calibration, settings, &mut Vec::new()).unwrap()
+    measure_box(&[first, second], &recorded.calibration, settings).unwrap()
 }
 
 fn check_side(what: &str, found: Estimate, truth_mm: f64, limits: Limits) {
@@ -112,7 +112,7 @@ fn recorded_refusals_give_the_right_reason() {
     for (way, settings) in ways() {
         for truth in &recorded.truth.faces {
             let frame = recorded.frame(&truth.frame);
-            let face = measure_face(&frame, &recorded.calibration, &settings, &mut Vec::new()).unwrap();
+            let face = measure_face(&frame, &recorded.calibration, &settings).unwrap().outcome;
             let FaceOutcome::Rejected(reject) = &face else { panic!("{}: {face:?}", truth.frame) };
             assert_eq!(Some(reject.reason()), truth.refuse.as_deref(), "{}: {reject}", truth.frame);
             results.insert(format!("{} {way}", truth.frame), face_summary(&face));
@@ -127,8 +127,7 @@ fn recorded_frames_with_the_lasers_off_are_refused() {
     for name in ["b02", "b03"] {
         let recorded = Recorded::read(name);
         for id in ["a_off", "b_off"] {
-            let face = measure_face(&recorded.frame(id), &recorded.calibration, &shipped(), &mut Vec::new())
-                .unwrap();
+            let face = measure_face(&recorded.frame(id), &recorded.calibration, &shipped()).unwrap().outcome;
             let FaceOutcome::Rejected(reject) = &face else { panic!("{name} {id}: {face:?}") };
             assert_eq!(reject.reason(), "no_box", "{name} {id}: {reject}");
         }
@@ -175,7 +174,7 @@ fn recorded_frames_of_another_size_do_not_fit_the_calibration() {
     let rows = whole.height_px() - 2;
     let rgb = whole.rgb()[..whole.width_px() * rows * 3].to_vec();
     let cut = Frame::from_rgb(whole.width_px(), rows, rgb).unwrap();
-    let error = measure_box(&[&whole, &cut], &recorded.calibration, &shipped(), &mut Vec::new()).unwrap_err();
+    let error = measure_box(&[&whole, &cut], &recorded.calibration, &shipped()).unwrap_err();
     assert_eq!(error.kind(), ErrorKind::CalibrationMismatch);
     let text = error.to_string();
     assert!(
@@ -203,7 +202,7 @@ fn recorded_frames_in_worse_light_are_right_or_refused() {
             let noisy = frame.rgb().iter().map(|x| noisy(*x).clamp(0.0, 255.0) as u8).collect();
             for (what, rgb) in [("dim", dim), ("noisy", noisy)] {
                 let worse = Frame::from_rgb(frame.width_px(), frame.height_px(), rgb).unwrap();
-                let face = measure_face(&worse, &recorded.calibration, &shipped(), &mut Vec::new()).unwrap();
+                let face = measure_face(&worse, &recorded.calibration, &shipped()).unwrap().outcome;
                 let FaceOutcome::Measured(face) = face else { continue };
                 for (found, truth_mm) in [face.length, face.width].into_iter().zip(truth.size_mm.unwrap()) {
                     let (value, sigma) = (found.value_mm, found.sigma_mm);
@@ -233,15 +232,16 @@ fn frames_side_by_side_give_the_same_report_as_one_after_the_other() {
     let (a, b) = (recorded.frame("a"), recorded.frame("b"));
     let alone = shipped();
     let together = Settings { workers: Some(&FrameThreads), ..alone };
-    let (mut times, mut times_together) = (Vec::new(), Vec::new());
-    let report = measure_box(&[&a, &b], &recorded.calibration, &alone, &mut times).unwrap();
-    let same = measure_box(&[&a, &b], &recorded.calibration, &together, &mut times_together).unwrap();
-    assert_eq!(format!("{report:?}"), format!("{same:?}"));
-    let stages = |times: &[(&'static str, u64)]| times.iter().map(|(stage, _)| *stage).collect::<Vec<_>>();
-    assert_eq!(stages(&times), stages(&times_together));
+    let mut reports =
+        [alone, together].map(|settings| measure_box(&[&a, &b], &recorded.calibration, &settings).unwrap());
+    let [stages, stages_together] = reports.each_mut().map(|report| {
+        std::mem::take(&mut report.times).into_iter().map(|(stage, _)| stage).collect::<Vec<_>>()
+    });
+    assert_eq!(reports[0], reports[1]);
+    assert_eq!(stages, stages_together);
 
     let idle = Settings { workers: Some(&Idle), ..alone };
-    let error = measure_box(&[&a, &b], &recorded.calibration, &idle, &mut Vec::new()).unwrap_err();
+    let error = measure_box(&[&a, &b], &recorded.calibration, &idle).unwrap_err();
     assert_eq!(error.kind(), ErrorKind::Cancelled, "{error}");
 }
 

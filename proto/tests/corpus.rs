@@ -57,8 +57,8 @@ fn message() {
         ("calibration", encode_calibration(&whole)),
         ("covariance", encode_calibration(&estimated)),
         ("recording", encode_recording(&read_recording(&data("b02")).unwrap()).unwrap()),
-        ("measured", encode_report(&measured, &[], &["a", "b"])),
-        ("rejected", encode_report(&rejected, &[], &["a", "b"])),
+        ("measured", encode_report(&measured, &["a", "b"])),
+        ("rejected", encode_report(&rejected, &["a", "b"])),
     ];
     let seeds = seeds.map(|(name, bytes)| (name.to_owned(), bytes)).to_vec();
     corpus::run(&here("fuzz/corpus/message"), seeds, Vec::new(), hostile::message);

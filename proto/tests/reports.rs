@@ -6,11 +6,9 @@ mod samples;
 
 use boxline::calib::{CalibrationCovariance, PAPER_PARAMETERS, PARAMETERS};
 use boxline::feasibility::Move;
-use boxline::frames::{Plane, Point};
 use boxline::measurement::FaceMeasurement;
 use boxline::{
-    AngleEstimate, BoxMeasurement, BoxReport, Candidate, DepthSeen, ErrorKind, Estimate, FaceOutcome, Hint,
-    LaserId, Outcome, Px, Reject, Straightness, SurfacePoint, Volume, Warning, WarningKind,
+    BoxReport, ErrorKind, Estimate, FaceOutcome, FaceReport, Hint, LaserId, Outcome, Px, Reject, WarningKind,
 };
 use boxline_proto::json::{face_json, parse_calibration, parse_recording, report_json};
 use boxline_proto::message::{
@@ -23,9 +21,9 @@ use samples::{face, report, sides, warning};
 use serde_json::{Value, json};
 use std::path::Path;
 
-/// For the rejected one of its two faces.
-fn hints() -> Vec<Option<Hint>> {
-    vec![None, Some(Hint { moves: vec![Move::RollClockwise(0.2), Move::Closer(Some(200.0))] })]
+/// One face of a report as a report of its own.
+fn alone(report: &BoxReport, face: usize) -> FaceReport {
+    FaceReport { outcome: report.faces[face].clone(), hint: report.hint(face).cloned(), times: Vec::new() }
 }
 
 fn hidden(in_front_mm: Option<f64>) -> Reject {
@@ -115,9 +113,9 @@ fn a_measured_box_as_json() {
         "settled": {"depth_mm": estimate(300.5, 2.0), "log_odds": 14.5, "stripes": 3},
         "confidence": 0.75, "likeliest": [], "third_face_helps": false,
     });
-    assert_eq!(report_json(&measured, &hints(), &["a", "b"]), expected);
+    assert_eq!(report_json(&measured, &["a", "b"]), expected);
     assert!(
-        report_json(&measured, &hints(), &["a", "b"]).to_string().starts_with("{\"outcome\":"),
+        report_json(&measured, &["a", "b"]).to_string().starts_with("{\"outcome\":"),
         "people read it from the top"
     );
 
@@ -127,13 +125,13 @@ fn a_measured_box_as_json() {
         "height_mm": null, "volume_m3": null, "enclosing_mm": null, "candidates": [], "reject": null, "faces": [entry], "warnings": [],
         "settled": null, "confidence": 0.9375, "likeliest": [], "third_face_helps": false,
     });
-    assert_eq!(face_json(&measured.faces[0], None, "a"), expected);
+    assert_eq!(face_json(&alone(&measured, 0), "a"), expected);
     let expected = json!({
         "outcome": "rejected", "length_mm": null, "width_mm": null, "height_mm": null, "volume_m3": null,
         "enclosing_mm": null, "candidates": [], "reject": reject, "faces": [rejected], "warnings": [],
         "settled": null, "confidence": null, "likeliest": [], "third_face_helps": false,
     });
-    assert_eq!(face_json(&measured.faces[1], hints()[1].as_ref(), "b"), expected);
+    assert_eq!(face_json(&alone(&measured, 1), "b"), expected);
 }
 
 fn warning_entry(kind: WarningKind) -> Value {
@@ -150,7 +148,7 @@ fn warning_entry(kind: WarningKind) -> Value {
 
 #[test]
 fn ambiguous_and_rejected_boxes_as_json() {
-    let both = report_json(&report(Outcome::Ambiguous([sides(300.0), sides(350.5)])), &hints(), &["a", "b"]);
+    let both = report_json(&report(Outcome::Ambiguous([sides(300.0), sides(350.5)])), &["a", "b"]);
     assert_eq!(
         (&both["outcome"], &both["length_mm"], &both["reject"]),
         (&json!("ambiguous"), &Value::Null, &Value::Null)
@@ -158,7 +156,7 @@ fn ambiguous_and_rejected_boxes_as_json() {
     assert_eq!(both["candidates"][1]["height_mm"], estimate(350.5, 0.1));
     assert_eq!(both["candidates"].as_array().unwrap().len(), 2);
     for reject in every_reject() {
-        let object = report_json(&report(Outcome::Rejected(reject.clone())), &hints(), &["a", "b"]);
+        let object = report_json(&report(Outcome::Rejected(reject.clone())), &["a", "b"]);
         assert_eq!(object["reject"]["reason"], reject.reason());
         assert_eq!(object["reject"]["text"], reject.to_string());
         assert_eq!(object["confidence"], Value::Null);
@@ -176,7 +174,8 @@ fn ambiguous_and_rejected_boxes_as_json() {
 #[test]
 fn a_number_that_is_not_finite_is_null() {
     let face = FaceMeasurement { rms_px: f64::NAN, ..face() };
-    let object = face_json(&FaceOutcome::Measured(Box::new(face)), None, "a");
+    let outcome = FaceOutcome::Measured(Box::new(face));
+    let object = face_json(&FaceReport { outcome, hint: None, times: Vec::new() }, "a");
     assert_eq!(object["faces"][0]["rms_px"], Value::Null);
 }
 
@@ -187,9 +186,9 @@ fn reports_there_and_back() {
     outcomes.extend(every_reject().into_iter().map(Outcome::Rejected));
     for outcome in outcomes {
         let report = report(outcome);
-        let bytes = encode_report(&report, &hints(), &["a", "b"]);
+        let bytes = encode_report(&report, &["a", "b"]);
         let frame_ids = vec!["a".to_owned(), "b".to_owned()];
-        assert_eq!(decode_report(&bytes).unwrap(), DecodedReport { report, hints: hints(), frame_ids });
+        assert_eq!(decode_report(&bytes).unwrap(), DecodedReport { report, frame_ids });
     }
 }
 
@@ -204,9 +203,10 @@ fn every_move_there_and_back() {
         Move::Aim { right_rad: 0.25, down_rad: -0.125 },
         Move::LookStraighter(0.75),
     ];
-    let hints = vec![Some(Hint { moves }), None];
-    let bytes = encode_report(&report(Outcome::Measured(sides(300.0))), &hints, &["a", "b"]);
-    assert_eq!(decode_report(&bytes).unwrap().hints, hints);
+    let mut report = report(Outcome::Measured(sides(300.0)));
+    report.hints = vec![Some(Hint { moves }), None];
+    let bytes = encode_report(&report, &["a", "b"]);
+    assert_eq!(decode_report(&bytes).unwrap().report.hints, report.hints);
 }
 
 #[test]
@@ -256,17 +256,17 @@ fn calibrations_and_recordings_there_and_back() {
 fn three_faces_go_round_as_well() {
     let mut report = report(Outcome::Measured(sides(300.0)));
     report.faces.push(FaceOutcome::Measured(Box::new(face())));
-    let hints = [hints(), vec![None]].concat();
-    let decoded = decode_report(&encode_report(&report, &hints, &["a", "b", "c"])).unwrap();
-    assert_eq!((&decoded.report, &decoded.hints), (&report, &hints));
+    report.hints.push(None);
+    let decoded = decode_report(&encode_report(&report, &["a", "b", "c"])).unwrap();
+    assert_eq!(decoded.report, report);
     assert_eq!(decoded.frame_ids, ["a", "b", "c"]);
-    assert_eq!(report_json(&report, &hints, &["a", "b", "c"])["faces"][2]["frame"], "c");
+    assert_eq!(report_json(&report, &["a", "b", "c"])["faces"][2]["frame"], "c");
 }
 
 #[test]
 fn broken_messages_name_the_field() {
     let whole = || {
-        let bytes = encode_report(&report(Outcome::Measured(sides(1.0))), &hints(), &["a", "b"]);
+        let bytes = encode_report(&report(Outcome::Measured(sides(1.0))), &["a", "b"]);
         v1::BoxReport::decode(&bytes[..]).unwrap()
     };
     type Breaking = fn(&mut v1::BoxReport);
@@ -339,7 +339,7 @@ proptest! {
 
     #[test]
     fn a_flipped_byte_never_panics(at in any::<prop::sample::Index>(), byte in any::<u8>()) {
-        let mut bytes = encode_report(&report(Outcome::Measured(sides(300.0))), &hints(), &["a", "b"]);
+        let mut bytes = encode_report(&report(Outcome::Measured(sides(300.0))), &["a", "b"]);
         let at = at.index(bytes.len());
         bytes[at] = byte;
         decode_as_everything(&bytes);

@@ -6,8 +6,8 @@
 use boxline::feasibility::Move;
 use boxline::measurement::FaceMeasurement;
 use boxline::{
-    BoxMeasurement, BoxReport, Candidate, Estimate, FaceOutcome, Hint, Outcome, Px, Reject, SideLight,
-    Straightness, SurfacePoint, Volume, Warning,
+    BoxMeasurement, BoxReport, Candidate, Estimate, FaceOutcome, FaceReport, Hint, Outcome, Px, Reject,
+    SideLight, Straightness, SurfacePoint, Volume, Warning,
 };
 use serde_json::{Map, Value, json};
 
@@ -41,14 +41,14 @@ use serde_json::{Map, Value, json};
 /// `enclosing_mm` is the smallest rectangle of the face's direction, or box of the box's, that
 /// encloses it, edges that bow (`sagitta`, positive outwards) and wave included.
 #[must_use]
-pub fn report_json(report: &BoxReport, hints: &[Option<Hint>], frame_ids: &[&str]) -> Value {
+pub fn report_json(report: &BoxReport, frame_ids: &[&str]) -> Value {
     let (name, sides, candidates, reject) = match &report.outcome {
         Outcome::Measured(sides) => ("measured", Some(sides), Vec::new(), None),
         Outcome::Ambiguous(both) => ("ambiguous", None, both.iter().map(candidate).collect(), None),
         Outcome::Rejected(reject) => ("rejected", None, Vec::new(), Some(reject)),
     };
-    let faces = report.faces.iter().zip(hints).zip(frame_ids);
-    let faces: Vec<_> = faces.map(|((face, hint), id)| face_entry(face, hint.as_ref(), id)).collect();
+    let faces = report.faces.iter().zip(frame_ids).enumerate();
+    let faces: Vec<_> = faces.map(|(i, (face, id))| face_entry(face, report.hint(i), id)).collect();
     json!({
         "outcome": name,
         "length_mm": sides.map(|s| estimate(s.length)),
@@ -73,8 +73,8 @@ pub fn report_json(report: &BoxReport, hints: &[Option<Hint>], frame_ids: &[&str
 
 /// One face: the same object as [`report_json`] with one entry in `faces`, whose sides are `length_mm` and `width_mm`.
 #[must_use]
-pub fn face_json(face: &FaceOutcome, hint: Option<&Hint>, frame_id: &str) -> Value {
-    let entry = face_entry(face, hint, frame_id);
+pub fn face_json(report: &FaceReport, frame_id: &str) -> Value {
+    let entry = face_entry(&report.outcome, report.hint.as_ref(), frame_id);
     json!({
         "outcome": entry["outcome"],
         "length_mm": entry["length_mm"],

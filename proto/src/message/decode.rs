@@ -65,11 +65,9 @@ pub(super) fn report(message: v1::BoxReport) -> Result<DecodedReport, Error> {
     let settled = message.settled.map(depth_seen).transpose()?;
     let confidence = message.confidence.map(|value| finite(value, "confidence")).transpose()?;
     let likeliest = message.likeliest.into_iter().map(candidate).collect::<Result<_, _>>()?;
-    Ok(DecodedReport {
-        report: BoxReport { outcome, faces, warnings, settled, confidence, likeliest },
-        hints,
-        frame_ids,
-    })
+    let times = Vec::new();
+    let report = BoxReport { outcome, faces, warnings, settled, confidence, likeliest, hints, times };
+    Ok(DecodedReport { report, frame_ids })
 }
 
 fn candidate(message: v1::Candidate) -> Result<Candidate, Error> {

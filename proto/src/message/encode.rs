@@ -9,9 +9,9 @@ use boxline::{
     Outcome, Px, Reject, Straightness, SurfacePoint, Warning,
 };
 
-pub(super) fn report(report: &BoxReport, hints: &[Option<Hint>], frame_ids: &[&str]) -> v1::BoxReport {
-    let faces = report.faces.iter().zip(hints).zip(frame_ids);
-    let faces = faces.map(|((outcome, hint), id)| face(outcome, hint.as_ref(), id)).collect();
+pub(super) fn report(report: &BoxReport, frame_ids: &[&str]) -> v1::BoxReport {
+    let faces = report.faces.iter().zip(frame_ids).enumerate();
+    let faces = faces.map(|(i, (outcome, id))| face(outcome, report.hint(i), id)).collect();
     let (outcome, measured, candidates, rejected) = match &report.outcome {
         Outcome::Measured(box_) => (v1::Outcome::Measured, Some(sides(box_)), Vec::new(), None),
         Outcome::Ambiguous(both) => (v1::Outcome::Ambiguous, None, both.iter().map(sides).collect(), None),

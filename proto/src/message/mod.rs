@@ -6,7 +6,7 @@
 mod decode;
 mod encode;
 
-use boxline::{BoxReport, Calibration, Error, ErrorKind, FaceOutcome, Hint};
+use boxline::{BoxReport, Calibration, Error, ErrorKind, FaceReport};
 use prost::Message;
 use std::path::Path;
 
@@ -17,17 +17,17 @@ pub mod v1 {
     include!(concat!(env!("OUT_DIR"), "/boxline.v1.rs"));
 }
 
-/// A report as bytes of `boxline.v1.BoxReport`. `hints` say how to move for each refused frame; `frame_ids` name the
-/// frames.
+/// A report as bytes of `boxline.v1.BoxReport`, without its times; `frame_ids` name the frames.
 #[must_use]
-pub fn encode_report(report: &BoxReport, hints: &[Option<Hint>], frame_ids: &[&str]) -> Vec<u8> {
-    encode::report(report, hints, frame_ids).encode_to_vec()
+pub fn encode_report(report: &BoxReport, frame_ids: &[&str]) -> Vec<u8> {
+    encode::report(report, frame_ids).encode_to_vec()
 }
 
 /// What a head sees, as bytes of `boxline.v1.LiveView`.
 #[must_use]
-pub fn encode_live_view(face: &FaceOutcome, hint: Option<&Hint>, steady: bool, frame: u64) -> Vec<u8> {
-    v1::LiveView { face: Some(encode::face(face, hint, "")), steady, frame }.encode_to_vec()
+pub fn encode_live_view(seen: &FaceReport, steady: bool, frame: u64) -> Vec<u8> {
+    let face = encode::face(&seen.outcome, seen.hint.as_ref(), "");
+    v1::LiveView { face: Some(face), steady, frame }.encode_to_vec()
 }
 
 /// What [`encode_report`] was given.
@@ -35,8 +35,6 @@ pub fn encode_live_view(face: &FaceOutcome, hint: Option<&Hint>, steady: bool, f
 pub struct DecodedReport {
     /// The report.
     pub report: BoxReport,
-    /// How to move, for each frame.
-    pub hints: Vec<Option<Hint>>,
     /// The names of the frames.
     pub frame_ids: Vec<String>,
 }

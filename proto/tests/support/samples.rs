@@ -1,6 +1,7 @@
 //! A report with something in every field.
 #![allow(dead_code)] // each test uses a part of it
 
+use boxline::feasibility::{Hint, Move};
 use boxline::frames::{Plane, Point};
 use boxline::measurement::FaceMeasurement;
 use boxline::{
@@ -56,5 +57,8 @@ pub fn report(outcome: Outcome) -> BoxReport {
         Outcome::Rejected(_) => (None, vec![Candidate { sides: sides(310.0), confidence: 0.5 }]),
         _ => (Some(0.75), Vec::new()),
     };
-    BoxReport { outcome, faces, warnings, settled, confidence, likeliest }
+    // For the rejected one of the two faces.
+    let moves = vec![Move::RollClockwise(0.2), Move::Closer(Some(200.0))];
+    let hints = vec![None, Some(Hint { moves })];
+    BoxReport { outcome, faces, warnings, settled, confidence, likeliest, hints, times: Vec::new() }
 }

@@ -6,7 +6,7 @@ use crate::input::{Usage, lit_faces, read_frame};
 use crate::say::say;
 use anyhow::Context;
 use boxline::drift::{Direction, DirectionKind, Drift, LaserMotion, ObservedFace, estimate_drift};
-use boxline::{Calibration, FaceMeasurement, FaceOutcome, LaserId, StageTimes, measure_face};
+use boxline::{Calibration, FaceMeasurement, FaceOutcome, LaserId, measure_face};
 use boxline_proto::json::{calibration_json, read_calibration, read_recording, write_json};
 use clap::{Args as ClapArgs, ValueEnum};
 use serde_json::{Value, json};
@@ -84,11 +84,11 @@ pub fn drift(args: &DriftArgs) -> anyhow::Result<Finished> {
         }
         for recorded in lit_faces(recording) {
             let frame = read_frame(&recorded.file)?;
-            let outcome = measure_face(&frame, &calibration, &settings, &mut StageTimes::new())
+            let report = measure_face(&frame, &calibration, &settings)
                 .map_err(|e| e.in_context(recorded.file.display()))?;
             let name =
                 format!("{}/{}", recording.folder.file_name().unwrap_or_default().display(), recorded.id);
-            let face = match &outcome {
+            let face = match &report.outcome {
                 FaceOutcome::Measured(measured) => ObservedFace::new(&calibration, measured)
                     .map(|face| match args.length.filter(|_| index == 0) {
                         Some(known_mm) => with_known(face, measured, known_mm, args.side, &mut ruled),

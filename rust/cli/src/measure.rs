@@ -8,9 +8,7 @@ use crate::overlay::{self, Headline, View};
 use crate::say::say;
 use crate::text;
 use boxline::trace::Trace;
-use boxline::{
-    FaceOutcome, Frame, Outcome, Settings, StageTimes, measure_box_with_hints, measure_face_with_hint,
-};
+use boxline::{FaceOutcome, Frame, Outcome, Settings, measure_box, measure_face};
 use boxline_proto::json::{RecordedFrame, face_json, read_calibration, read_recording, report_json};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
@@ -68,16 +66,15 @@ pub fn measure(args: &MeasureArgs) -> anyhow::Result<Finished> {
     let stages = args.explain.is_some().then(|| Stages::new(&frames));
     let trace = stages.as_ref().map(|stages| stages as &dyn Trace);
     let settings = Settings { trace, ..args.how.settings(args.choose, network.as_ref()) };
-    let (report, hints) = measure_box_with_hints(&frames, &calibration, &settings, &mut StageTimes::new())
-        .map_err(|e| {
-            // The library knows frames, not files: the culprit is the one that does not fit.
-            let fits = |frame: &Frame| {
-                (frame.width_px(), frame.height_px())
-                    == (calibration.width_px() as usize, calibration.height_px() as usize)
-            };
-            let culprit = frames.iter().position(|frame| !fits(frame)).unwrap_or(0);
-            e.in_context(sources[culprit].file.display())
-        })?;
+    let report = measure_box(&frames, &calibration, &settings).map_err(|e| {
+        // The library knows frames, not files: the culprit is the one that does not fit.
+        let fits = |frame: &Frame| {
+            (frame.width_px(), frame.height_px())
+                == (calibration.width_px() as usize, calibration.height_px() as usize)
+        };
+        let culprit = frames.iter().position(|frame| !fits(frame)).unwrap_or(0);
+        e.in_context(sources[culprit].file.display())
+    })?;
     let names: Vec<&str> = sources.iter().map(|source| source.name.as_str()).collect();
 
     if let (Some(folder), Some(stages)) = (&args.explain, stages) {
@@ -91,9 +88,9 @@ pub fn measure(args: &MeasureArgs) -> anyhow::Result<Finished> {
         overlay::write(&overlay::draw(&views, &Headline::of_box(&report.outcome))?, path)?;
     }
     let stdout = if args.output.json {
-        report_json(&report, &hints, &names).to_string()
+        report_json(&report, &names).to_string()
     } else {
-        text::of_box(&report, &names, &hints)
+        text::of_box(&report, &names)
     };
     let exit_code = match report.outcome {
         Outcome::Measured(_) => MEASURED,
@@ -110,19 +107,17 @@ pub fn face(args: &FaceArgs) -> anyhow::Result<Finished> {
     let frame = read_frame(&args.frame)?;
     let network = args.how.network.load(args.how.edges)?;
     let settings = args.how.settings(None, network.as_ref());
-    let (face, hint) = measure_face_with_hint(&frame, &calibration, &settings, &mut StageTimes::new())
-        .map_err(|e| e.in_context(args.frame.display()))?;
+    let report =
+        measure_face(&frame, &calibration, &settings).map_err(|e| e.in_context(args.frame.display()))?;
+    let face = &report.outcome;
     let name = file_name(&args.frame);
 
     if let Some(path) = &args.output.overlay {
-        let view = View { name: &name, frame: &frame, face: &face, truth: None };
-        overlay::write(&overlay::draw(&[view], &Headline::of_face(&face))?, path)?;
+        let view = View { name: &name, frame: &frame, face, truth: None };
+        overlay::write(&overlay::draw(&[view], &Headline::of_face(face))?, path)?;
     }
-    let stdout = if args.output.json {
-        face_json(&face, hint.as_ref(), &name).to_string()
-    } else {
-        text::of_face(&face, &name, hint.as_ref())
-    };
+    let stdout =
+        if args.output.json { face_json(&report, &name).to_string() } else { text::of_face(&report, &name) };
     let exit_code = match face {
         FaceOutcome::Measured(_) => MEASURED,
         FaceOutcome::Rejected(_) => REFUSED,

@@ -2,12 +2,12 @@
 
 use boxline::measurement::FaceMeasurement;
 use boxline::{
-    BoxMeasurement, BoxReport, DepthSeen, Estimate, FaceOutcome, Hint, Outcome, Reject, SideLight, Volume,
-    Warning, WarningKind,
+    BoxMeasurement, BoxReport, DepthSeen, Estimate, FaceOutcome, FaceReport, Hint, Outcome, Reject,
+    SideLight, Volume, Warning, WarningKind,
 };
 
 /// A box, in lines.
-pub fn of_box(report: &BoxReport, names: &[&str], hints: &[Option<Hint>]) -> String {
+pub fn of_box(report: &BoxReport, names: &[&str]) -> String {
     let mut text = String::new();
     match &report.outcome {
         Outcome::Measured(measurement) => {
@@ -46,20 +46,20 @@ pub fn of_box(report: &BoxReport, names: &[&str], hints: &[Option<Hint>]) -> Str
     }
     warnings(&mut text, &report.warnings);
     push(&mut text, "");
-    for ((face, name), hint) in report.faces.iter().zip(names).zip(hints) {
+    for (i, (face, name)) in report.faces.iter().zip(names).enumerate() {
         push(&mut text, &format!("frame {name}: {}", face_line(face)));
         if let FaceOutcome::Measured(face) = face {
             beside(&mut text, face);
         }
-        push_hint(&mut text, hint.as_ref());
+        push_hint(&mut text, report.hint(i));
     }
     text
 }
 
 /// A single face, in lines.
-pub fn of_face(face: &FaceOutcome, name: &str, hint: Option<&Hint>) -> String {
+pub fn of_face(report: &FaceReport, name: &str) -> String {
     let mut text = String::new();
-    match face {
+    match &report.outcome {
         FaceOutcome::Measured(m) => {
             push(&mut text, &line("length", m.length));
             push(&mut text, &line("width", m.width));
@@ -70,7 +70,7 @@ pub fn of_face(face: &FaceOutcome, name: &str, hint: Option<&Hint>) -> String {
         }
         FaceOutcome::Rejected(reject) => push(&mut text, &format!("frame {name}: {}", refusal(reject))),
     }
-    push_hint(&mut text, hint);
+    push_hint(&mut text, report.hint.as_ref());
     text
 }
 

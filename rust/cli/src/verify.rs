@@ -3,7 +3,7 @@
 use crate::Finished;
 use crate::input::{box_frames, lit_faces, read_recorded};
 use boxline::calib::uncertainty::{side_sigma_mm, usual_distance_mm};
-use boxline::{Estimate, FaceOutcome, Frame, Outcome, Settings, StageTimes, measure_box, measure_face};
+use boxline::{Estimate, FaceOutcome, Frame, Outcome, Settings, measure_box, measure_face};
 use boxline_edgenet::{EdgeNet, Options};
 use boxline_proto::json::{read_calibration, read_recording};
 use clap::Args as ClapArgs;
@@ -53,7 +53,7 @@ pub fn verify(args: &VerifyArgs) -> anyhow::Result<Finished> {
             .map(|frame| read_recorded(&recording, frame, true))
             .collect::<Result<Vec<_>, _>>()?;
         let frames: Vec<&Frame> = frames.iter().collect();
-        let report = measure_box(&frames, &calibration, &settings, &mut StageTimes::new())?;
+        let report = measure_box(&frames, &calibration, &settings)?;
         match &report.outcome {
             Outcome::Measured(found) => sides.extend([found.length, found.width, found.height]),
             Outcome::Ambiguous(both) => sides.extend(both.iter().flat_map(|b| [b.length, b.width, b.height])),
@@ -62,7 +62,7 @@ pub fn verify(args: &VerifyArgs) -> anyhow::Result<Finished> {
     } else {
         for recorded in lit_faces(&recording) {
             let frame = read_recorded(&recording, recorded, true)?;
-            match measure_face(&frame, &calibration, &settings, &mut StageTimes::new())? {
+            match measure_face(&frame, &calibration, &settings)?.outcome {
                 FaceOutcome::Measured(face) => sides.extend([face.length, face.width]),
                 FaceOutcome::Rejected(reject) => why = reject.to_string(),
             }

@@ -4,7 +4,7 @@
 
 #![allow(missing_docs)] // of the function that criterion_group! makes
 
-use boxline::{Calibration, EdgeMethod, Frame, Settings, StageTimes, measure_box, measure_face};
+use boxline::{Calibration, EdgeMethod, Frame, Settings, measure_box, measure_face};
 use boxline_proto::json::{read_calibration, read_recording};
 use criterion::{Criterion, criterion_group, criterion_main};
 use std::hint::black_box;
@@ -41,10 +41,14 @@ fn stages(criterion: &mut Criterion) {
                 bench.iter_custom(|rounds| {
                     let mut nanos = 0;
                     for _ in 0..rounds {
-                        let mut times = StageTimes::new();
-                        let face = measure_face(black_box(&frame), &calibration, &settings, &mut times);
-                        black_box(face).expect("the sizes fit");
-                        nanos += times.iter().filter(|(name, _)| *name == stage).map(|(_, n)| n).sum::<u64>();
+                        let face = measure_face(black_box(&frame), &calibration, &settings);
+                        let report = black_box(face).expect("the sizes fit");
+                        nanos += report
+                            .times
+                            .iter()
+                            .filter(|(name, _)| *name == stage)
+                            .map(|(_, n)| n)
+                            .sum::<u64>();
                     }
                     Duration::from_nanos(nanos)
                 });
@@ -55,7 +59,7 @@ fn stages(criterion: &mut Criterion) {
             bench.iter(|| {
                 let [a, b] =
                     jpegs.each_ref().map(|bytes| Frame::from_jpeg(black_box(bytes)).expect("a whole JPEG"));
-                measure_box(&[&a, &b], &calibration, &settings, &mut Vec::new())
+                measure_box(&[&a, &b], &calibration, &settings)
             });
         });
         group.finish();

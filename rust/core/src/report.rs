@@ -40,6 +40,12 @@ pub struct BoxReport {
 }
 
 impl BoxReport {
+    /// How to move for a frame, if moving helps.
+    #[must_use]
+    pub fn hint(&self, frame: usize) -> Option<&Hint> {
+        self.hints.get(frame)?.as_ref()
+    }
+
     /// Whether two frames leave open what one of a third face may settle: each of their sides is seen once more in it.
     #[must_use]
     pub fn third_face_helps(&self) -> bool {
@@ -92,6 +98,7 @@ impl BoxReport {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::measurement::FaceMeasurement;
 
     #[test]
     fn a_side_is_enclosed_as_far_as_the_face_that_bows_most() {

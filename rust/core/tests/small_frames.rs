@@ -45,7 +45,7 @@ fn all_settings() -> [Settings<'static>; 4] {
 /// Measures in every way; what is measured must be finite.
 fn check(frame: &Frame, calibration: &Calibration) -> Result<(), TestCaseError> {
     for settings in all_settings() {
-        match measure_face(frame, calibration, &settings, &mut Vec::new()) {
+        match measure_face(frame, calibration, &settings).map(|report| report.outcome) {
             Ok(FaceOutcome::Measured(face)) => {
                 for side in [face.length, face.width] {
                     prop_assert!(side.value_mm.is_finite() && side.value_mm > 0.0, "{side:?}");
@@ -119,7 +119,7 @@ proptest! {
     #[test]
     fn random_pixels_at_160_x_120_are_refused(rgb in prop::collection::vec(any::<u8>(), 160 * 120 * 3)) {
         let frame = Frame::from_rgb(160, 120, rgb).expect("the size fits");
-        let outcome = measure_face(&frame, &head(160, 120), &Settings::default(), &mut Vec::new());
+        let outcome = measure_face(&frame, &head(160, 120), &Settings::default()).map(|report| report.outcome);
         prop_assert!(matches!(outcome, Ok(FaceOutcome::Rejected(_))), "{outcome:?}");
     }
 }
@@ -130,7 +130,8 @@ fn plain_frames_are_refused() {
         for grey in [0, 128, 255] {
             let frame =
                 Frame::from_rgb(width, height, vec![grey; width * height * 3]).expect("the size fits");
-            let outcome = measure_face(&frame, &head(width, height), &Settings::default(), &mut Vec::new());
+            let outcome =
+                measure_face(&frame, &head(width, height), &Settings::default()).map(|report| report.outcome);
             assert!(
                 matches!(outcome, Ok(FaceOutcome::Rejected(_))),
                 "{width} x {height}, {grey}: {outcome:?}"
@@ -146,8 +147,7 @@ fn a_frame_of_another_size_is_an_error_that_names_both() {
     for (width, height) in [(1, 1), (3, 2), (64, 64), (480, 640)] {
         let wrong = Frame::from_rgb(width, height, vec![0; width * height * 3]).expect("the size fits");
         for (a, b) in [(&wrong, &right), (&right, &wrong)] {
-            let error = measure_box(&[a, b], &calibration, &Settings::default(), &mut Vec::new())
-                .expect_err("sizes differ");
+            let error = measure_box(&[a, b], &calibration, &Settings::default()).expect_err("sizes differ");
             assert_eq!(error.kind(), ErrorKind::CalibrationMismatch);
             let text = error.to_string();
             assert!(text.contains(&format!("{width} x {height}")) && text.contains("640 x 480"), "{text}");

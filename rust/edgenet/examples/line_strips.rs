@@ -10,7 +10,7 @@
 mod true_face;
 
 use boxline::network::{FaceMaps, LineStrip, Network, STRIP};
-use boxline::{Calibration, Error, Frame, Settings, StageTimes, measure_face};
+use boxline::{Calibration, Error, Frame, Settings, measure_face};
 use boxline_edgenet::{EdgeNet, Options};
 use boxline_proto::json::{TruthFace, parse_calibration, parse_truth};
 use boxline_sim::recording::{Detail, Kind, Recipe, render_recording};
@@ -90,7 +90,7 @@ fn strips(
     let Some(truth) = TrueFace::of(face) else { return Ok(None) };
     let settings = Settings { network: Some(recorder), ..Settings::default() };
     // What it measures does not matter here.
-    let _ = measure_face(picture, calibration, &settings, &mut StageTimes::new())?;
+    let _ = measure_face(picture, calibration, &settings)?;
     let strips = std::mem::take(&mut *recorder.strips.lock().unwrap_or_else(PoisonError::into_inner));
     let mut bytes = Vec::new();
     let mut before = 0;

@@ -1,6 +1,6 @@
 //! A box from two pictures, with the networks: `cargo run --release -p boxline-edgenet --example measure -- [FOLDER]`.
 
-use boxline::{Frame, Outcome, Settings, StageTimes, measure_box_with_hints};
+use boxline::{Frame, Outcome, Settings, measure_box};
 use boxline_edgenet::{EdgeNet, Options};
 use boxline_proto::json::{RecordedFrame, read_calibration, read_recording};
 use std::error::Error;
@@ -25,8 +25,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     let network = EdgeNet::embedded(&Options::default())?;
     let settings = Settings { network: Some(&network), ..Settings::default() };
-    let (report, hints) =
-        measure_box_with_hints(&[&frames[0], &frames[1]], &calibration, &settings, &mut StageTimes::new())?;
+    let report = measure_box(&[&frames[0], &frames[1]], &calibration, &settings)?;
     match &report.outcome {
         Outcome::Measured(size) => {
             for (name, side) in [("length", size.length), ("width", size.width), ("height", size.height)] {
@@ -34,7 +33,9 @@ fn main() -> Result<(), Box<dyn Error>> {
             }
         }
         Outcome::Ambiguous([first, second]) => println!("one of two boxes: {first:?}, {second:?}"),
-        Outcome::Rejected(reason) => println!("not measured: {reason}; how to move, by frame: {hints:?}"),
+        Outcome::Rejected(reason) => {
+            println!("not measured: {reason}; how to move, by frame: {:?}", report.hints)
+        }
     }
     Ok(())
 }

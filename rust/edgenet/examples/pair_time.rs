@@ -7,7 +7,7 @@
 //! the two alone; `rust/SPEED.md` compares. Processor time of one thread does not depend on who else uses the machine, but for caches and
 //! clock. Linux only: reads /proc.
 
-use boxline::{EdgeMethod, Frame, Network, Settings, StageTimes, Workers, measure_box};
+use boxline::{EdgeMethod, Frame, Network, Settings, Workers, measure_box};
 use boxline_edgenet::{EdgeNet, Options};
 use boxline_proto::json::{read_calibration, read_recording};
 use std::num::NonZeroUsize;
@@ -68,8 +68,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let start = processor_ms();
         let frames = [Frame::from_jpeg(&jpegs[0])?, Frame::from_jpeg(&jpegs[1])?];
         let decoded = processor_ms();
-        let mut times = StageTimes::new();
-        measure_box(&[&frames[0], &frames[1]], &calibration, &settings, &mut times)?;
+        let times = measure_box(&[&frames[0], &frames[1]], &calibration, &settings)?.times;
         whole.push(processor_ms() - start);
         decode.push(decoded - start);
         let side_by_side = Settings { workers: Some(&TwoThreads), ..settings };
@@ -79,7 +78,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             b = Some(Frame::from_jpeg(&jpegs[1]));
         });
         if let (Some(a), Some(b)) = (a, b) {
-            measure_box(&[&a?, &b?], &calibration, &side_by_side, &mut StageTimes::new())?;
+            measure_box(&[&a?, &b?], &calibration, &side_by_side)?;
         }
         wall.push(start.elapsed().as_secs_f64() * 1e3);
         for (stage, nanos) in times {

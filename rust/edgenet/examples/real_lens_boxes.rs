@@ -122,7 +122,7 @@ fn errors(
 ) -> Result<Option<Errors>> {
     let Some([a, b]) = frames else { return Ok(None) };
     let settings = Settings { network: Some(network), least_confidence: 0.0, ..Settings::default() };
-    let report = measure_box(&[a, b], calibration, &settings, &mut Default::default())?;
+    let report = measure_box(&[a, b], calibration, &settings)?;
     let near = |m: &BoxMeasurement| {
         let sides = [m.length, m.width, m.height];
         [0, 1, 2].map(|i| sides[i].value_mm - truth[i])

@@ -15,7 +15,7 @@ mod true_face;
 use boxline::diagnostics::side_lines;
 use boxline::network::{FaceMaps, LineStrip, Network};
 use boxline::view::{FaceView, SideOdds};
-use boxline::{Error, FaceMeasurement, FaceOutcome, Frame, Px, Settings, StageTimes, measure_face};
+use boxline::{Error, FaceMeasurement, FaceOutcome, Frame, Px, Settings, measure_face};
 use boxline_edgenet::{EdgeNet, Options};
 use boxline_proto::json::{read_calibration, read_recording, read_truth};
 use std::path::{Path, PathBuf};
@@ -124,7 +124,7 @@ fn frames(network: &EdgeNet, folder: &Path) -> Outcome<()> {
         let picture = Frame::from_jpeg(&std::fs::read(&frame.file)?)?;
         let recorder = Recorder { network, odds: Mutex::new(None), rows: Mutex::new(Vec::new()) };
         let settings = Settings { network: Some(&recorder), least_confidence: 0.0, ..Settings::default() };
-        let measured = measure_face(&picture, &calibration, &settings, &mut StageTimes::new())?;
+        let measured = measure_face(&picture, &calibration, &settings)?.outcome;
         let rows = recorder.rows.into_inner().unwrap_or_else(PoisonError::into_inner);
         let mut before = 0;
         // Other planes are tried after the first one: the sides begin again.
@@ -165,7 +165,7 @@ fn frames_alone(folder: &Path) -> Outcome<()> {
         let Some(truth) = TrueFace::of(face) else { continue };
         let picture = Frame::from_jpeg(&std::fs::read(&frame.file)?)?;
         let settings = Settings { least_confidence: 0.0, ..Settings::default() };
-        let measured = measure_face(&picture, &calibration, &settings, &mut StageTimes::new())?;
+        let measured = measure_face(&picture, &calibration, &settings)?.outcome;
         for line in side_lines(&picture, &calibration) {
             let Some(off_px) = truth.off_px(line.middle, line.outwards) else { continue };
             let [off_mm, _] = match &measured {

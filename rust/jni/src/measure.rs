@@ -2,10 +2,7 @@
 
 use crate::guard::Failure;
 use crate::handles::Handles;
-use boxline::{
-    Calibration, FaceOutcome, Frame, Settings, StageTimes, Workers, measure_box_with_hints,
-    measure_face_with_hint,
-};
+use boxline::{Calibration, FaceOutcome, Frame, Settings, Workers, measure_box, measure_face};
 use boxline_proto::message::{encode_live_view, encode_report};
 use std::num::NonZeroUsize;
 use std::sync::Arc;
@@ -60,8 +57,8 @@ pub(crate) fn faces(
         cancelled: stop,
         ..Settings::default()
     };
-    let (report, hints) = measure_box_with_hints(&frames, calibration, &settings, &mut StageTimes::new())?;
-    Ok(encode_report(&report, &hints, &["a", "b", "c"][..frames.len()]))
+    let report = measure_box(&frames, calibration, &settings)?;
+    Ok(encode_report(&report, &["a", "b", "c"][..frames.len()]))
 }
 
 /// Whether a face could be measured in frame `number`. Gives the bytes of a `boxline.v1.LiveView`; `steady` says of the view
@@ -76,8 +73,8 @@ pub(crate) fn view(
     let frame = decode(picture, "frame")?;
     let network = network::get()?;
     let settings = Settings { network: network.as_ref_dyn(), cancelled: stop, ..Settings::default() };
-    let (face, hint) = measure_face_with_hint(&frame, calibration, &settings, &mut StageTimes::new())?;
-    Ok(encode_live_view(&face, hint.as_ref(), steady(&face), number))
+    let seen = measure_face(&frame, calibration, &settings)?;
+    Ok(encode_live_view(&seen, steady(&seen.outcome), number))
 }
 
 /// A picture with the lasers off that does not fit is left out, and told in the log: nothing is lost without it.

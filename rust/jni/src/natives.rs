@@ -235,7 +235,7 @@ pub extern "system" fn report_json_text<'local>(
     guard(env, |env| {
         let decoded = decode_report(&bytes_of_array(env, &report, "report")?)?;
         let ids: Vec<&str> = decoded.frame_ids.iter().map(String::as_str).collect();
-        Ok(env.new_string(report_json(&decoded.report, &decoded.hints, &ids).to_string())?)
+        Ok(env.new_string(report_json(&decoded.report, &ids).to_string())?)
     })
 }
 

@@ -140,13 +140,13 @@ impl Recorded {
         settings: &Settings,
         method: Method,
     ) -> Result<RecordingScore, Error> {
-        let mut times = StageTimes::new();
+        let mut stages = vec![("decode".to_owned(), self.decode_nanos)];
         let mut cuboid = None;
         let mut faces = Vec::new();
         if let Some(truth_mm) = self.true_box_mm {
             let frames: Vec<&Frame> = self.frames.iter().map(|(_, _, frame)| frame).collect();
-            let report = measure_box(&frames, calibration, settings, &mut times)
-                .map_err(|e| e.in_context(&self.name))?;
+            let report = measure_box(&frames, calibration, settings).map_err(|e| e.in_context(&self.name))?;
+            add_times(&mut stages, &report.times);
             for (face, (_, true_face, _)) in report.faces.into_iter().zip(&self.frames) {
                 faces.push(FaceScore::new(true_face, false, face));
             }
@@ -160,24 +160,23 @@ impl Recorded {
             });
         } else {
             for (recorded, true_face, frame) in &self.frames {
-                let face = measure_face(frame, calibration, settings, &mut times)
+                let report = measure_face(frame, calibration, settings)
                     .map_err(|e| e.in_context(recorded.file.display()))?;
-                faces.push(FaceScore::new(true_face, self.must_refuse, face));
+                add_times(&mut stages, &report.times);
+                faces.push(FaceScore::new(true_face, self.must_refuse, report.outcome));
             }
         }
-        Ok(RecordingScore { name: self.name.clone(), method, cuboid, faces, stages: self.stages(&times) })
+        Ok(RecordingScore { name: self.name.clone(), method, cuboid, faces, stages })
     }
+}
 
-    /// The time of each stage over all frames, decoding first.
-    fn stages(&self, times: &StageTimes) -> Vec<(String, u64)> {
-        let mut stages = vec![("decode".to_owned(), self.decode_nanos)];
-        for &(stage, nanos) in times {
-            match stages.iter_mut().find(|(name, _)| name == stage) {
-                Some((_, sum)) => *sum += nanos,
-                None => stages.push((stage.to_owned(), nanos)),
-            }
+/// Adds times of stages, those of the first stages first.
+fn add_times(stages: &mut Vec<(String, u64)>, times: &StageTimes) {
+    for &(stage, nanos) in times {
+        match stages.iter_mut().find(|(name, _)| name == stage) {
+            Some((_, sum)) => *sum += nanos,
+            None => stages.push((stage.to_owned(), nanos)),
         }
-        stages
     }
 }
 

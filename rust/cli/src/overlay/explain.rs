@@ -303,12 +303,9 @@ fn stripes(frame: &Frame, stripes: &[StripeSeen; 4]) -> anyhow::Result<Sheet> {
 }
 
 fn outlines(frame: &Frame, lines: &[LineSeen], outlines: &[OutlineSeen]) -> anyhow::Result<Sheet> {
-    let told = match outlines.first().and_then(|likeliest| likeliest.probability) {
-        Some(probability) => {
-            format!(", the white one right with a probability of {probability:.3}")
-        }
-        None => String::new(),
-    };
+    let told = outlines.first().map_or_else(String::new, |likeliest| {
+        format!(", the white one right with a probability of {:.3}", likeliest.probability)
+    });
     let text = format!(
         "{} lines that may be a side (blue). Likely outlines: {}{told}.",
         lines.len(),

@@ -18,8 +18,7 @@ use crate::input::{Usage, fingerprint, this_program};
 use anyhow::Context;
 use boxline::network::{EdgeMapNetwork, Network};
 use boxline::{
-    EdgeMethod, FaceMeasurement, FaceOutcome, Frame, Method, Outcome, Settings, StageTimes, measure_box,
-    measure_face,
+    EdgeMethod, FaceMeasurement, FaceOutcome, Frame, Method, Outcome, Settings, measure_box, measure_face,
 };
 use boxline_edgenet::{EdgeMapNet, EdgeNet, Options};
 use boxline_proto::json::read_calibration;
@@ -219,8 +218,7 @@ impl Bench {
             let (settings, calibration) = (nets.settings(way), &self.head.calibration);
             let became = match &frames[..] {
                 [first, second] => {
-                    let report =
-                        measure_box(&[first, second], calibration, &settings, &mut StageTimes::new())?;
+                    let report = measure_box(&[first, second], calibration, &settings)?;
                     match report.outcome {
                         Outcome::Measured(m) => Shot::Measured {
                             sides: vec![m.length, m.width, m.height],
@@ -230,7 +228,7 @@ impl Bench {
                         Outcome::Rejected(reject) => Shot::Refused(reject.reason().into()),
                     }
                 }
-                [frame] => match measure_face(frame, calibration, &settings, &mut StageTimes::new())? {
+                [frame] => match measure_face(frame, calibration, &settings)?.outcome {
                     FaceOutcome::Measured(face) => Shot::Measured {
                         sides: vec![face.length, face.width],
                         warned: face_has_warnings(&face),

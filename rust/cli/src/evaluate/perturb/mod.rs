@@ -13,8 +13,7 @@ use crate::input::{Usage, lit_faces};
 use crate::overlay::{self, Headline, View};
 use anyhow::Context;
 use boxline::{
-    BoxReport, Calibration, Estimate, FaceOutcome, Frame, Method, Outcome, StageTimes, measure_box,
-    measure_face,
+    BoxReport, Calibration, Estimate, FaceOutcome, Frame, Method, Outcome, measure_box, measure_face,
 };
 use boxline_edgenet::AnyNet;
 use boxline_proto::json::{TruthFace, is_wrong_box, read_calibration};
@@ -228,14 +227,14 @@ impl Bench<'_> {
     ) -> anyhow::Result<Found> {
         let edges = self.args.edges.flatten().unwrap_or_default();
         let settings = self.args.network.settings(self.method, edges, self.networks.own());
-        let (calibration, times) = (subject.calibration, &mut StageTimes::new());
+        let calibration = subject.calibration;
         let in_context = |e: boxline::Error| e.in_context(&subject.name);
         let (found, faces, headline) = if let (Due::Box(truth_mm), [a, b]) = (&subject.due, frames) {
-            let report = measure_box(&[a, b], calibration, &settings, times).map_err(in_context)?;
+            let report = measure_box(&[a, b], calibration, &settings).map_err(in_context)?;
             let headline = Headline::of_box(&report.outcome);
             (of_box(&report, *truth_mm), report.faces.to_vec(), headline)
         } else {
-            let face = measure_face(frames[0], calibration, &settings, times).map_err(in_context)?;
+            let face = measure_face(frames[0], calibration, &settings).map_err(in_context)?.outcome;
             let headline = Headline::of_face(&face);
             (of_face(&face, &subject.due), vec![face], headline)
         };
