@@ -86,7 +86,7 @@ pub fn measure_points(
     let mm_per_px = raster.mm_per_px(calibration, OnPlane::zeros())?;
     let rough = RoughRectangle::new(raster, offsets_mm, mm_per_px);
     let observed = Observed { calibration, stripes: &stripes, edges: &edges };
-    let fitted = observed.fit(&plane, &rough, settings)?;
+    let fitted = observed.fit(&rough, settings)?;
     let profiles = order.map(|i| {
         let profile = sides[i].profile.as_ref()?;
         let (light, sigma) = profile.samples.iter().copied().unzip();

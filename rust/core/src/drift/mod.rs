@@ -16,11 +16,12 @@ pub use significance::{ChangeTest, SIGNIFICANT};
 
 use crate::calibration::{CAMERA, Calibration, CalibrationCovariance};
 use crate::error::{Error, ErrorKind};
+use crate::face::model::FaceState;
 use crate::face_lines::FaceLines;
+use crate::face_lines::fitted::{FittedFace, KnownSide, REDUNDANT};
 use crate::face_lines::laser_motion::{
     MotionMatrix, Motions, all_planes_by_motion, blocks, motions_of, moved,
 };
-use crate::face_lines::model::{FaceState, FittedFace, KnownSide, REDUNDANT};
 use crate::frames::{Cam, Plane};
 use crate::measurement::FaceMeasurement;
 use crate::units::LaserId;
@@ -75,7 +76,7 @@ impl ObservedFace {
             .iter()
             .map(|(which, known_mm)| {
                 let (sharp_mm, sigma_mm) = self.sharp_mm[*which];
-                let inside_mm = sharp_mm - nominal.state.sides_mm()[*which];
+                let inside_mm = sharp_mm - nominal.state.lengths_mm()[*which];
                 KnownSide { which: *which, raw_mm: known_mm - inside_mm, sigma_mm: sigma_mm.max(1e-3) }
             })
             .collect()

@@ -24,7 +24,7 @@ fn faces(truth: &Calibration, count: usize, noise: &mut Noise, sigmas: f64) -> V
             let (start, lines) = some_face(truth, noise, sigmas);
             let fitted = FittedFace::new(believed.camera(), believed.lasers(), &lines, &[], &start)
                 .expect("16 numbers fix 8");
-            let sharp_mm = fitted.state.sides_mm().map(|side| (side, 0.3));
+            let sharp_mm = fitted.state.lengths_mm().map(|side| (side, 0.3));
             ObservedFace { lines, start: fitted.state, sharp_mm, known: Vec::new() }
         })
         .collect()

@@ -115,7 +115,7 @@ fn leave_out_stripes(
 ) {
     let unit = 2.0 * coarseness; // frame px of a pixel of the map
     let near = |at: Px, laser: LaserId, limit_px: f64| {
-        let view = PxView::new(calibration, at);
+        let view = PxView::new(calibration.camera(), at);
         residual_px(calibration, plane, laser, &view).is_some_and(|(off_px, _)| off_px.abs() < limit_px)
     };
     pixels.retain(|p| {

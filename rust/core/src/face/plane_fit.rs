@@ -2,6 +2,7 @@
 //! in the plane q (PHYSICS.md). Weighted so that residuals are pixels, re-weighted so that outliers do not count.
 
 use crate::calibration::Calibration;
+use crate::camera::CameraModel;
 use crate::frames::{Cam, Plane, Ray};
 use crate::units::{LaserId, Px};
 use nalgebra::{Matrix2, Matrix3, Vector3};
@@ -36,9 +37,15 @@ pub(crate) struct PxView {
 }
 
 impl PxView {
-    pub fn new(calibration: &Calibration, at: Px) -> Self {
-        let (ray, by_px) = calibration.camera().ray_from_px_with_jacobian(at);
+    pub fn new(camera: &CameraModel, at: Px) -> Self {
+        let (ray, by_px) = camera.ray_from_px_with_jacobian(at);
         Self { ray, by_px }
+    }
+
+    /// The factor from `line . x` to px across the line.
+    pub fn factor_px(&self, line: &Vector3<f64>) -> Option<f64> {
+        let gradient = (self.by_px.transpose() * line.xy()).norm();
+        (gradient > 1e-12 && gradient.is_finite()).then_some(1.0 / gradient)
     }
 }
 
@@ -50,8 +57,7 @@ pub(crate) fn residual_px(
     view: &PxView,
 ) -> Option<(f64, f64)> {
     let line = plane.per_mm - calibration.laser(laser).per_mm;
-    let gradient = (view.by_px.transpose() * line.xy()).norm();
-    (gradient > 1e-12).then(|| (line.dot(&view.ray.xy1) / gradient, 1.0 / gradient))
+    view.factor_px(&line).map(|factor_px| (line.dot(&view.ray.xy1) * factor_px, factor_px))
 }
 
 /// Robust maximum-likelihood fit, starting from `start`. `None` if the observations do not fix a plane.
@@ -64,7 +70,7 @@ pub(crate) fn fit_plane(
         return None;
     }
     let mut plane = *start;
-    let views: Vec<PxView> = observations.iter().map(|o| PxView::new(calibration, o.at)).collect();
+    let views: Vec<PxView> = observations.iter().map(|o| PxView::new(calibration.camera(), o.at)).collect();
     let mut residuals = vec![(0.0, 0.0); observations.len()];
     let mut scale = f64::INFINITY;
     for iteration in 0..ITERATIONS {

@@ -12,9 +12,9 @@ pub(crate) type OnPlane = Vector2<f64>;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PlaneRaster {
     pub plane: Plane<Cam>,
-    origin: Vector3<f64>,
-    axis_a: Vector3<f64>,
-    axis_b: Vector3<f64>,
+    pub(super) origin: Vector3<f64>,
+    pub(super) axis_a: Vector3<f64>,
+    pub(super) axis_b: Vector3<f64>,
 }
 
 impl PlaneRaster {

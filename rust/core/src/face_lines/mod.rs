@@ -1,14 +1,16 @@
 //! A face as one frame shows it, in 16 numbers: four stripes and four sides, each a line of the ideal image held by two
-//! points. Eight unknowns explain them ([`model`]); the other eight numbers check the lasers. What a laser may do between
-//! calibrations is in [`laser_motion`]. `drift` estimates with it, `feasibility` predicts with it.
+//! points. Eight unknowns of [`crate::face::model`] explain them ([`fitted`]); the other eight numbers check the lasers. What a laser
+//! may do between calibrations is in [`laser_motion`]. `drift` estimates with it, `feasibility` predicts with it.
 
+pub(crate) mod fitted;
 pub(crate) mod laser_motion;
-pub(crate) mod model;
 #[cfg(test)]
 pub(crate) mod simulation;
 pub(crate) mod view;
 
 use crate::calibration::Calibration;
+use crate::camera::CameraModel;
+use crate::face::model::{Seen, Source};
 use crate::frames::Ray;
 use crate::measurement::FaceMeasurement;
 use crate::units::{LaserId, Px};
@@ -29,7 +31,7 @@ pub(crate) type Line = [LinePoint; 2];
 pub(crate) struct FaceLines {
     /// The stripes, laser 1 first.
     pub stripes: [Line; 4],
-    /// The sides, going round: 0 and 2 run along the length, 1 and 3 along the width.
+    /// The sides in the order of [`crate::face::outline::SIDES`], a along the length.
     pub sides: [Line; 4],
 }
 
@@ -52,12 +54,22 @@ impl FaceLines {
         let side_systematic = side_systematic_px(calibration, distance_mm);
         let stripe =
             |id: LaserId| line_through(calibration, &face.stripe_points_px[id.index()], STRIPE_SYSTEMATIC_PX);
+        // Of a measured face they go round, the first along the length.
         let side = |i: usize| line_through(calibration, &face.edge_points_px[i], side_systematic);
         let [l1, l2, l3, l4] = LaserId::ALL;
         Some(Self {
             stripes: [stripe(l1)?, stripe(l2)?, stripe(l3)?, stripe(l4)?],
-            sides: [side(0)?, side(1)?, side(2)?, side(3)?],
+            sides: [side(3)?, side(1)?, side(0)?, side(2)?],
         })
+    }
+
+    /// All 16 points.
+    fn seen(&self, camera: &CameraModel) -> Vec<Seen> {
+        let stripes = self.stripes.iter().enumerate().map(|(k, line)| (Source::Stripe(k), line));
+        let sides = self.sides.iter().enumerate().map(|(k, line)| (Source::Edge(k), line));
+        let points =
+            |(source, line): (Source, &Line)| line.map(|p| Seen::new(camera, source, p.at, p.sigma_px));
+        stripes.chain(sides).flat_map(points).collect()
     }
 }
 

@@ -1,9 +1,9 @@
 //! Faces that a head could measure, drawn at random, with noisy lines: for the tests here, of `drift` and of `feasibility`.
 
 use super::FaceLines;
-use super::model::FaceState;
 use super::view::{FacePose, USUAL};
 use crate::calibration::Calibration;
+use crate::face::model::FaceState;
 use crate::noise::Noise;
 use crate::paper_head::paper_head;
 use crate::units::{LaserId, Px};

@@ -1,9 +1,9 @@
 //! What a head sees of a face somewhere before it: corners, where the stripes cross its sides, and the lines that follow.
 //! PHYSICS.md, "What can be measured". The lasers' fans are taken as wider than the picture.
 
-use super::model::FaceState;
 use super::{FaceLines, Line, LinePoint, STRIPE_SYSTEMATIC_PX, side_systematic_px};
 use crate::calibration::Calibration;
+use crate::face::model::FaceState;
 use crate::frames::{Cam, Point};
 use crate::units::{LaserId, Px};
 use nalgebra::{Matrix3, Vector3};
@@ -92,12 +92,13 @@ impl FacePose {
 
     /// The face as unknowns of the fit.
     pub fn state(&self) -> FaceState {
-        let offset =
-            |axis: usize, by: f64| self.axes.column(axis).dot(&self.middle) + by * self.half_mm[axis];
+        let [a, b] = [0, 1].map(|axis| self.axes.column(axis).dot(&self.middle));
+        let [x, y] = self.half_mm;
         FaceState {
             axes: self.axes,
             per_mm: 1.0 / self.axes.column(2).dot(&self.middle),
-            offsets_mm: [offset(1, -1.0), offset(0, 1.0), offset(1, 1.0), offset(0, -1.0)],
+            offsets_mm: [a - x, a + x, b - y, b + y],
+            shape_rad: [0.0; 3],
         }
     }
 
@@ -138,7 +139,7 @@ impl FacePose {
         let [l1, l2, l3, l4] = LaserId::ALL;
         Some(FaceLines {
             stripes: [stripe(l1)?, stripe(l2)?, stripe(l3)?, stripe(l4)?],
-            sides: [side(0)?, side(1)?, side(2)?, side(3)?],
+            sides: [side(3)?, side(1)?, side(0)?, side(2)?],
         })
     }
 

@@ -1,8 +1,8 @@
 //! The standard deviation to expect of a side, by its causes.
 
 use crate::calibration::Calibration;
+use crate::face_lines::fitted::{FittedFace, Planes, length_by_own};
 use crate::face_lines::laser_motion::{all_planes_by_motion, blocks};
-use crate::face_lines::model::{FittedFace, Planes};
 use crate::face_lines::view::{FacePose, PointSigmas, USUAL};
 use crate::units::LaserId;
 
@@ -50,7 +50,7 @@ fn sigmas_with(calibration: &Calibration, pose: &FacePose, sigmas: &PointSigmas)
     let by_planes = fitted.own_by_planes()?;
     let by_motions = blocks(&all_planes_by_motion(calibration)?);
     let side = |side: usize| {
-        let by_own = fitted.state.side_by_own(side);
+        let by_own = length_by_own(&fitted.state, side);
         let side_by_planes: Planes = by_planes.transpose() * by_own;
         let own_mm2 = (by_own.transpose() * own * by_own)[0];
         let calibration_mm2 = calibration.covariance().map_or(0.0, |covariance| {

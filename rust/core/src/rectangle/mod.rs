@@ -20,18 +20,18 @@ mod uncertainty;
 
 use crate::calibration::Calibration;
 use crate::edges::EdgePoint;
-use crate::face::extent::{FaceStripes, crossing_on_px, crossing_px};
+use crate::face::extent::{FaceStripes, crossing_on_px};
+use crate::face::model::FaceState;
 use crate::face::outline::{RoughRectangle, SIDES, WeightedLine, outward_sign, span_mm};
 use crate::face::plane_fit::StripeObservation;
 use crate::face::raster::{OnPlane, PlaneRaster};
-use crate::frames::{Cam, Plane};
 use crate::image::Frame;
 use crate::measurement::{FaceMeasurement, Method, Settings, SideUncertainty};
 use crate::reject::Reject;
 use crate::units::{AngleEstimate, Estimate, LaserId, Px};
 use crate::warning::{Warning, WarningKind};
 use nalgebra::Matrix2;
-use refine::{Anchor, FittedRectangle, ITERATIONS, Problem, Shape, middles_mm, refine, start_from};
+use refine::{FittedRectangle, Problem, Shape, refine};
 use sharp_edge::{Correction, Sharpened};
 
 /// Fewest edge points on a side.
@@ -65,7 +65,7 @@ pub(crate) fn measure(
     }
     let stripes = face_observations(calibration, face, rough);
     let observed = Observed { calibration, stripes: &stripes, edges };
-    let fitted = observed.fit(&face.fit.plane, rough, settings).ok_or_else(open)?;
+    let fitted = observed.fit(rough, settings).ok_or_else(open)?;
     let fit = &fitted.fit;
     let limit_px = edge_limit_px(edges).max(MAX_EDGE_RMS_MM / rough.mm_per_px);
     if fit.edge_rms_px > limit_px {
@@ -170,38 +170,27 @@ pub(crate) struct Fitted {
 
 impl Observed<'_> {
     /// Fits and checks the face.
-    pub fn fit(&self, plane: &Plane<Cam>, rough: &RoughRectangle, settings: &Settings) -> Option<Fitted> {
+    pub fn fit(&self, rough: &RoughRectangle, settings: &Settings) -> Option<Fitted> {
         let calibration = self.calibration;
-        let [l1, _, l3, l4] = LaserId::ALL;
-        let at = crossing_px(calibration, plane, l1, l3)?;
-        let towards = crossing_px(calibration, plane, l1, l4)?;
-        let anchor = Anchor { at, towards };
-        let start = start_from(calibration, rough, anchor)?;
-        let mut problem = Problem {
-            calibration,
-            stripes: self.stripes,
-            edges: self.edges,
-            anchor,
-            middles_mm: middles_mm(&start),
-            bow_px: &[],
-        };
-        let start = problem.at_medians(&start)?;
-        let mut fit = refine(&problem, &start, Shape::Rectangle, ITERATIONS)?;
+        let mut problem = Problem::new(calibration, self.stripes, self.edges);
+        let start = problem.at_medians(&FaceState::of_raster(&rough.raster, &rough.offsets_mm));
+        let mut fit = refine(&problem, &start, Shape::Rectangle)?;
         let drift_rad = settings.drift_rad.max(f64::EPSILON);
-        let mut causes = uncertainty::causes(&problem, &fit, [drift_rad; 4])?;
+        let mut causes = uncertainty::causes(calibration, &fit, [drift_rad; 4]);
         let checks = self_check::check(calibration, &fit, &causes, drift_rad).unwrap_or_default();
         let mut corner_angles = None;
         // The plane that counts is that of the sides.
         let bowed = !checks.bow_px.is_empty();
         if bowed {
             problem.bow_px = &checks.bow_px;
-            fit = refine(&problem, &fit.params, Shape::Rectangle, ITERATIONS)?;
+            fit = refine(&problem, &fit.state, Shape::Rectangle)?;
         }
         if settings.free {
-            fit = refine(&problem, &fit.params, Shape::Quadrilateral, ITERATIONS)?;
+            fit = refine(&problem, &fit.state, Shape::Quadrilateral)?;
         }
         if settings.free || bowed || checks.tilt_rad.is_some() {
-            causes = uncertainty::causes(&problem, &fit, uncertainty::tilts_rad(drift_rad, checks.tilt_rad))?;
+            causes =
+                uncertainty::causes(calibration, &fit, uncertainty::tilts_rad(drift_rad, checks.tilt_rad));
         }
         for (row, bow_px) in fit.rows.iter_mut().zip(problem.bow_px) {
             row.px += bow_px;
@@ -427,7 +416,8 @@ pub(crate) fn keep_out(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::face::extent::crossing_on;
+    use crate::face::extent::{crossing_on, crossing_px};
+    use crate::frames::Plane;
     use crate::paper_head::paper_head;
     use nalgebra::Vector3;
 
@@ -509,7 +499,7 @@ mod tests {
             edges(&calibration, &truth, |side, i| if i % 5 < 2 { printed_mm[side] } else { SIDES_MM[side] });
         let rough = RoughRectangle { offsets_mm: printed_mm, ..truth.clone() };
         let observed = Observed { calibration: &calibration, stripes: &stripes, edges: &edges };
-        let fitted = observed.fit(&truth.raster.plane, &rough, &Settings::default()).expect("a rectangle");
+        let fitted = observed.fit(&rough, &Settings::default()).expect("a rectangle");
         for (found, true_mm) in lengths_mm(&fitted.fit.offsets_mm).into_iter().zip(lengths_mm(&SIDES_MM)) {
             assert!((found - true_mm).abs() < 0.2 * truth.mm_per_px, "{found} mm, {true_mm} mm are true");
         }
@@ -524,8 +514,7 @@ mod tests {
         for bow_mm in [8.0, -8.0] {
             let stripes = stripes(&calibration, &truth, bow_mm);
             let observed = Observed { calibration: &calibration, stripes: &stripes, edges: &edges };
-            let fitted =
-                observed.fit(&truth.raster.plane, &truth, &Settings::default()).expect("a rectangle");
+            let fitted = observed.fit(&truth, &Settings::default()).expect("a rectangle");
             assert!(!fitted.checks.warnings.is_empty(), "{bow_mm} mm are not told");
             for (found, true_mm) in lengths_mm(&fitted.fit.offsets_mm).into_iter().zip(lengths_mm(&SIDES_MM))
             {

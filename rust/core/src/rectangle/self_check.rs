@@ -7,10 +7,11 @@
 //! solution, no second fit). Their covariance is that of the noise and of all known causes: a laser that drifted as
 //! lasers do, or an edge that its background moves, is no failure.
 
-use super::refine::{FittedRectangle, Row, SHAPE, Source, weigh_all};
+use super::refine::{FittedRectangle, weigh_all};
 use super::surface;
 use super::uncertainty::{CAUSES, Causes, EDGE_SYSTEMATIC_PX, EDGES, TILTS};
 use crate::calibration::Calibration;
+use crate::face::model::{Row, SHAPE, Source};
 use crate::face::outline::{SIDES, span_mm};
 use crate::units::LaserId;
 use crate::warning::{Warning, WarningKind};

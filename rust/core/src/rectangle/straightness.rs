@@ -1,7 +1,8 @@
 //! How straight each side is. The edges of real boxes bow and wave by 1 to 4 mm and their corners are crushed: the rectangle that fits
 //! best is then not the one that a carrier's tunnel reads, which encloses the face. Both are told, with how far the sides depart.
 
-use super::refine::{FittedRectangle, Row, Source};
+use super::refine::FittedRectangle;
+use crate::face::model::{Row, Source};
 use crate::face::outline::outward_sign;
 use crate::measurement::Straightness;
 use crate::units::Estimate;

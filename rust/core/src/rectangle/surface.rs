@@ -2,8 +2,9 @@
 //! plane has taken up what it could, so heights are against the mean plane; where one bow explains all stripes, against that
 //! of the sides.
 
-use super::refine::{FittedRectangle, Row, Source};
+use super::refine::FittedRectangle;
 use crate::calibration::Calibration;
+use crate::face::model::{Row, Source};
 use crate::face::raster::OnPlane;
 use crate::measurement::SurfacePoint;
 use crate::units::Estimate;
@@ -61,11 +62,9 @@ fn height(fit: &FittedRectangle, piece: &[&Row]) -> Option<Estimate> {
     (found.value_mm.is_finite() && found.sigma_mm.is_finite()).then_some(found)
 }
 
-/// How far towards the camera a point lies that is seen 1 px across from where the plane predicts its stripe, mm: a plane nearer by h
-/// has q (1 + h / distance), and what is seen there has the opposite residual against the old plane.
+/// How far towards the camera a point lies that is seen 1 px across from where the plane predicts its stripe, mm: on a plane nearer by h,
+/// whose 1 / distance is larger by h / distance^2, it would have no residual.
 pub(super) fn height_of_px(fit: &FittedRectangle, row: &Row) -> f64 {
-    let q = fit.raster.plane.per_mm;
-    let by_plane = row.derivative_px;
-    let px_per_mm = -(by_plane[0] * q.x + by_plane[1] * q.y + by_plane[2] * q.z) * q.norm();
+    let px_per_mm = -row.derivative_px[2] * fit.state.per_mm.powi(2);
     if px_per_mm.abs() > 1e-12 { 1.0 / px_per_mm } else { 0.0 }
 }

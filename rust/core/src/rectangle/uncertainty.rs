@@ -2,13 +2,12 @@
 //! Every cause is scaled to one standard deviation and independent of the others; its effect on each residual gives its
 //! effect on the fit (implicit function: `d unknowns = -inverse(normal) sum(weight * derivative * d residual)`).
 
-use super::refine::{
-    FittedRectangle, OFFSETS, Params, Problem, SHAPE, Source, UNKNOWNS, turn_rad, unknowns_of,
-};
+use super::refine::FittedRectangle;
 use super::sharp_edge::Correction;
 use crate::calib::uncertainty::CalibrationStep;
 use crate::calibration::{CAMERA, Calibration, CalibrationCovariance, PARAMETERS, PLANES};
 use crate::eigen::symmetric_eigen;
+use crate::face::model::{OFFSETS, SHAPE, Source, TURNS, UNKNOWNS, Unknowns};
 use crate::measurement::{SHARED_CAUSES, SideUncertainty};
 use crate::units::{AngleEstimate, LaserId};
 use nalgebra::{Matrix2, SMatrix, SVector, Vector3};
@@ -23,7 +22,7 @@ pub(super) const CAUSES: usize = EDGES + 8;
 /// behind it changes along it.
 pub(super) const EDGE_SYSTEMATIC_PX: f64 = 0.2;
 
-/// Effect of one sigma of every cause on every residual, px; one row per [`super::refine::Row`].
+/// Effect of one sigma of every cause on every residual, px; one row per [`crate::face::model::Row`].
 pub(super) struct Causes {
     pub on_residuals_px: Vec<SVector<f64, CAUSES>>,
     /// ... and on the unknowns.
@@ -31,19 +30,16 @@ pub(super) struct Causes {
 }
 
 /// Works out all causes at a fit.
-pub(super) fn causes(problem: &Problem, fit: &FittedRectangle, tilts_rad: [f64; 4]) -> Option<Causes> {
-    let calibration = problem.calibration;
+pub(super) fn causes(calibration: &Calibration, fit: &FittedRectangle, tilts_rad: [f64; 4]) -> Causes {
     let root = calibration.covariance().map(|covariance| root_of(covariance).transpose());
     // What is known exactly moves nothing.
     let moves = |i: &usize| calibration.covariance().is_some_and(|covariance| covariance[(*i, *i)] > 0.0);
     let cameras = CAMERA.into_iter().filter(moves).map(|i| {
         let mut step = CalibrationStep::zeros();
         step[i] = if i < 4 { 0.01 } else { 1e-4 };
-        let moved = calibration.stepped(&step);
-        let raster = problem.raster_in(&moved, &fit.params);
-        raster.map(|raster| (i, moved, raster, step[i]))
+        (i, *calibration.stepped(&step).camera(), step[i])
     });
-    let cameras: Vec<_> = cameras.collect::<Option<_>>()?;
+    let cameras: Vec<_> = cameras.collect();
     let turned: [Vector3<f64>; 4] = LaserId::ALL.map(|id| {
         let angle_rad = 1e-4;
         let p = calibration.with_turned_laser(id, angle_rad).laser(id).per_mm;
@@ -55,26 +51,16 @@ pub(super) fn causes(problem: &Problem, fit: &FittedRectangle, tilts_rad: [f64; 
     for row in &fit.rows {
         let mut by_calibration = SVector::<f64, PARAMETERS>::zeros();
         let mut effect = SVector::<f64, CAUSES>::zeros();
+        let ray = calibration.camera().ray_from_px(row.at).xy1;
+        for (k, camera, step) in &cameras {
+            by_calibration[*k] = row.by_ray_px.dot(&(camera.ray_from_px(row.at).xy1 - ray)) / step;
+        }
         match row.source {
             Source::Stripe(laser) => {
-                // The residual is (q - p) . x times a factor, whose derivative by the plane q is x times the factor.
-                let by_plane: Vector3<f64> = row.derivative_px.fixed_rows::<3>(0).into();
-                by_calibration.fixed_rows_mut::<3>(PLANES + 3 * laser).copy_from(&-by_plane);
-                effect[TILTS + laser] = -by_plane.dot(&turned[laser]);
-                let line = fit.raster.plane.per_mm - calibration.lasers()[laser].per_mm;
-                // The third component of x is 1.
-                let factor = by_plane.z;
-                let x = calibration.camera().ray_from_px(row.at).xy1;
-                for (k, moved, _, step) in &cameras {
-                    by_calibration[*k] =
-                        line.dot(&(moved.camera().ray_from_px(row.at).xy1 - x)) * factor / step;
-                }
+                by_calibration.fixed_rows_mut::<3>(PLANES + 3 * laser).copy_from(&row.by_laser_px);
+                effect[TILTS + laser] = row.by_laser_px.dot(&turned[laser]);
             }
             Source::Edge(side) => {
-                for (k, moved, raster, step) in &cameras {
-                    let beside_mm = problem.beside_mm(moved, raster, &fit.params, side, row.at)?;
-                    by_calibration[*k] = (beside_mm / row.mm_per_px - row.px) / step;
-                }
                 effect[EDGES + side] = EDGE_SYSTEMATIC_PX;
                 effect[EDGES + 4 + side] = EDGE_SYSTEMATIC_PX * row.along_mm / half_mm[side];
             }
@@ -85,13 +71,12 @@ pub(super) fn causes(problem: &Problem, fit: &FittedRectangle, tilts_rad: [f64; 
                 by_sigmas += root * *by;
             }
         }
-        for &unknown in unknowns_of(row.source) {
-            let mut pull = pull.column_mut(unknown);
-            pull += effect * (row.derivative_px[unknown] * row.weight);
+        for (mut pull, by) in pull.column_iter_mut().zip(&row.derivative_px).filter(|(_, by)| **by != 0.0) {
+            pull += effect * (by * row.weight);
         }
         on_residuals_px.push(effect);
     }
-    Some(Causes { on_residuals_px, on_unknowns: -fit.covariance * pull.transpose() })
+    Causes { on_residuals_px, on_unknowns: -fit.covariance * pull.transpose() }
 }
 
 /// Half the length of each side, mm.
@@ -145,9 +130,9 @@ pub(super) fn of_sides(
 /// high b, low a high b).
 pub(super) fn corner_angles(fit: &FittedRectangle, causes: &Causes) -> [AngleEstimate; 4] {
     [(0, 2, 1.0), (1, 2, -1.0), (1, 3, 1.0), (0, 3, -1.0)].map(|(a, b, sign)| {
-        let value_rad = sign * (turn_rad(&fit.params, a) - turn_rad(&fit.params, b));
-        let by_unknowns = Params::from_fn(|i, _| {
-            let turn = |side: usize| i.checked_sub(SHAPE).map_or(0.0, |k| super::refine::TURNS[side][k]);
+        let value_rad = sign * (fit.state.turn_rad(a) - fit.state.turn_rad(b));
+        let by_unknowns = Unknowns::from_fn(|i, _| {
+            let turn = |side: usize| i.checked_sub(SHAPE).map_or(0.0, |k| TURNS[side][k]);
             sign * (turn(a) - turn(b))
         });
         let noise = (by_unknowns.transpose() * fit.covariance * by_unknowns)[0];
