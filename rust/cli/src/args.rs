@@ -86,11 +86,13 @@ Exit codes: 0 the evaluation ran, whatever it found; 2 broken input (the other r
 Examples:
   boxline calibrate tests/data/board -o calibration.json --report report.html
   boxline calibrate pictures --board 7x7:37.5:18.75 --camera-only -o camera.json
+  boxline calibrate --live --board 12x11:100:50 --keep pictures -o calibration.json
 
 Reads recording.json (frames of role board, lasers on; at least 6, tilted, from near and far) and board.json; without them all JPEGs
 of the folder, of the board that --board names. Frames that cannot be used are named with the reason. The calibration in the folder,
 if any, is not read. What does not fit is told as a warning: the lens, a bowed or stretched board, a focal length that changes;
 but for the lens, the calibration is solved with it.
+--live opens a head, says for each frame how many circles are found, where, and which pose is missing, and takes frames by itself.
 Exit codes: 0 calibrated, 2 broken input or usage, 3 the frames fix no calibration.")]
     Calibrate(crate::calibrate::CalibrateArgs),
     /// Checks a calibration with one known length

@@ -37,7 +37,7 @@ pub struct CaptureArgs {
     #[arg(long, value_name = "FILE")]
     pub calibration: Option<PathBuf>,
     /// Seconds to wait for a head that was unplugged
-    #[arg(long, default_value_t = 30, value_name = "SECONDS")]
+    #[arg(long, default_value_t = BACK_SECONDS, value_name = "SECONDS")]
     pub reconnect: u64,
     /// Print one JSON object
     #[arg(long)]
@@ -50,21 +50,27 @@ const FRAME_LIMIT: Duration = Duration::from_secs(3);
 const SWITCH_FRAMES: u32 = 30;
 const RETRY: Duration = Duration::from_millis(300);
 
+/// Seconds to wait for a head that was unplugged.
+const BACK_SECONDS: u64 = 30;
+/// The same where nobody says otherwise.
+pub const BACK_WITHIN: Duration = Duration::from_secs(BACK_SECONDS);
+
 /// A head with its stream.
-struct Camera {
-    device: Device,
+pub struct Camera {
+    pub device: Device,
     stream: Stream,
 }
 
 impl Camera {
-    fn open(selector: &Selector) -> Result<Self, Error> {
+    /// Opens the head that is meant and starts its stream.
+    pub fn open(selector: &Selector) -> Result<Self, Error> {
         let device = Device::open(selector)?;
         let stream = device.start(&StreamSettings { waiting_frames: 2 })?;
         Ok(Self { device, stream })
     }
 
     /// A frame whose whole exposure saw these lasers and no others.
-    fn frame(&self, lasers: Lasers, bar: &ProgressBar) -> Result<Frame, Error> {
+    pub fn frame(&self, lasers: Lasers, bar: &ProgressBar) -> Result<Frame, Error> {
         self.device.set_lasers(lasers)?;
         let begun = Instant::now();
         for taken in 1..=SWITCH_FRAMES {
@@ -89,7 +95,7 @@ impl Camera {
 }
 
 /// Whether waiting for the cable can help.
-fn may_come_back(error: &Error) -> bool {
+pub fn may_come_back(error: &Error) -> bool {
     matches!(error.kind(), ErrorKind::DeviceLost | ErrorKind::NotFound | ErrorKind::Timeout | ErrorKind::Io)
 }
 
@@ -196,7 +202,8 @@ fn calibration(args: &CaptureArgs, device: &Device) -> anyhow::Result<Calibratio
     Ok(stored)
 }
 
-fn reopen(selector: &Selector, limit: Duration, mut last: Error) -> anyhow::Result<Camera> {
+/// Tries to open it until the limit.
+pub fn reopen(selector: &Selector, limit: Duration, mut last: Error) -> anyhow::Result<Camera> {
     let end = Instant::now() + limit;
     while Instant::now() < end {
         match Camera::open(selector) {

@@ -57,8 +57,7 @@ pub fn parse_board_spec(text: &str) -> Result<BoardSpec, String> {
 
 impl Input {
     /// Reads recording and board, or lists the folder's pictures.
-    pub fn read(args: &CalibrateArgs) -> anyhow::Result<Self> {
-        let folder = &args.folder;
+    pub fn read(folder: &Path, args: &CalibrateArgs) -> anyhow::Result<Self> {
         let recording_file = folder.join("recording.json");
         let mut files = Vec::new();
         let (serial, frames) = if recording_file.exists() {
@@ -73,22 +72,7 @@ impl Input {
             let name = folder.file_name().unwrap_or_default().to_string_lossy().into_owned();
             (name, pictures_in(folder)?)
         };
-        let board = match &args.board {
-            Some(BoardSpec::Grid(board)) => *board,
-            Some(BoardSpec::File(file)) => {
-                files.push(file.clone());
-                Board::from(read_board(file)?)
-            }
-            None => {
-                let file = folder.join("board.json");
-                if !file.exists() {
-                    let text = "no such file; --board 7x7:37.5:18.75 says what the board is";
-                    return Err(Error::new(ErrorKind::Io, text).in_context(file.display()).into());
-                }
-                files.push(file.clone());
-                Board::from(read_board(&file)?)
-            }
-        };
+        let board = read_board_of(args, folder, &mut files)?;
         Ok(Self { serial: args.serial.clone().unwrap_or(serial), frames, board, files })
     }
 
@@ -98,8 +82,33 @@ impl Input {
     }
 }
 
-/// The JPEGs of a folder by name.
+/// The board that `--board` names, or else the folder's; its file is added to those that are read.
+pub fn read_board_of(args: &CalibrateArgs, folder: &Path, files: &mut Vec<PathBuf>) -> anyhow::Result<Board> {
+    let file = match &args.board {
+        Some(BoardSpec::Grid(board)) => return Ok(*board),
+        Some(BoardSpec::File(file)) => file.clone(),
+        None => folder.join("board.json"),
+    };
+    if args.board.is_none() && !file.exists() {
+        let text = "no such file; --board 7x7:37.5:18.75 says what the board is";
+        return Err(Error::new(ErrorKind::Io, text).in_context(file.display()).into());
+    }
+    files.push(file.clone());
+    Ok(Board::from(read_board(&file)?))
+}
+
+/// The JPEGs of a folder by name; at least one.
 fn pictures_in(folder: &Path) -> anyhow::Result<Vec<BoardFrame>> {
+    let frames = jpegs_of(folder)?;
+    if frames.is_empty() {
+        let text = "neither recording.json nor a .jpg is here";
+        return Err(Error::new(ErrorKind::Io, text).in_context(folder.display()).into());
+    }
+    Ok(frames)
+}
+
+/// The JPEGs of a folder by name.
+pub fn jpegs_of(folder: &Path) -> anyhow::Result<Vec<BoardFrame>> {
     use anyhow::Context;
     let mut frames = Vec::new();
     for entry in std::fs::read_dir(folder).with_context(|| folder.display().to_string())? {
@@ -114,10 +123,6 @@ fn pictures_in(folder: &Path) -> anyhow::Result<Vec<BoardFrame>> {
         }
     }
     frames.sort_by(|a, b| a.id.cmp(&b.id));
-    if frames.is_empty() {
-        let text = "neither recording.json nor a .jpg is here";
-        return Err(Error::new(ErrorKind::Io, text).in_context(folder.display()).into());
-    }
     Ok(frames)
 }
 

@@ -1,18 +1,20 @@
 //! `boxline calibrate`: a folder of board frames in, the head's calibration and a report out.
 
 mod input;
+mod live;
 mod plots;
 mod provenance;
 mod report;
 
 use crate::Finished;
+use crate::head::DeviceChoice;
 use crate::input::{Usage, read_frame};
 use anyhow::Context;
 use boxline::calib::uncertainty::{side_sigma_mm, usual_distance_mm};
 use boxline::calib::{
     Advice, BoardStripe, CalibrationCovariance, CalibrationReject, CalibrationSettings, CalibrationSolution,
-    CameraSolution, FrameReject, LensChoice, LensTerms, LensTrial, Misfit, PAPER_PARAMETERS, empty_corners,
-    find_board, next_frame, solve_all, solve_camera,
+    CameraSolution, FrameReject, LensChoice, LensTerms, LensTrial, MIN_FRAMES, Misfit, PAPER_PARAMETERS,
+    empty_corners, find_board, next_frame, solve_all, solve_camera,
 };
 use boxline::{Calibration, CameraModel, Frame, LaserId};
 use boxline_proto::json::{calibration_json, camera_json, write_json};
@@ -34,8 +36,20 @@ pub const SIDES_MM: [f64; 4] = [150.0, 600.0, 1200.0, 1800.0];
 #[derive(ClapArgs)]
 pub struct CalibrateArgs {
     /// Folder with frames of a board, lasers on: a recording, or any JPEGs
-    #[arg(value_name = "FOLDER")]
-    pub folder: PathBuf,
+    #[arg(value_name = "FOLDER", required_unless_present = "live")]
+    pub folder: Option<PathBuf>,
+    /// Take the frames with a head: each pose of the board that is new and held still, until no pose is missing; Ctrl-C ends it
+    /// earlier. Lasers blink when a frame is taken
+    #[arg(long, conflicts_with = "folder", requires = "board")]
+    pub live: bool,
+    #[command(flatten)]
+    pub choice: DeviceChoice,
+    /// Where a live session keeps its frames; those that are there count, so it can go on, or be calibrated again as FOLDER
+    #[arg(long, value_name = "FOLDER", requires = "live")]
+    pub keep: Option<PathBuf>,
+    /// End a live session at so many frames, whatever is missing
+    #[arg(long, value_name = "NUMBER", requires = "live", value_parser = clap::value_parser!(u16).range(6..=500))]
+    pub frames: Option<u16>,
     /// Where to write the calibration
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
@@ -98,15 +112,44 @@ pub struct Solved {
 
 /// Runs `boxline calibrate`.
 pub fn calibrate(args: &CalibrateArgs) -> anyhow::Result<Finished> {
+    // Told now, not after minutes of work.
+    for folder in [Some(&args.output), args.report.as_ref()].into_iter().flatten().map(|file| folder_of(file))
+    {
+        if !folder.is_dir() {
+            return Err(Usage(format!("{}: no such folder", folder.display())).into());
+        }
+    }
+    match &args.folder {
+        Some(folder) => solve(args, Input::read(folder, args)?),
+        None => live(args),
+    }
+}
+
+/// Takes frames with a head, then solves with them.
+fn live(args: &CalibrateArgs) -> anyhow::Result<Finished> {
+    if let Some(folder) = args.keep.as_ref().filter(|folder| folder.join("recording.json").exists()) {
+        let text = format!("{}: is a recording, to which nothing is added", folder.display());
+        return Err(Usage(text).into());
+    }
+    let board = input::read_board_of(args, std::path::Path::new("."), &mut Vec::new())?;
+    let taken = live::take(args, &board)?;
+    if taken.count == 0 {
+        return Ok(refused(args, &[], &CalibrationReject::TooFewFrames { usable: 0, needed: MIN_FRAMES }));
+    }
+    let mut input = Input::read(&taken.folder, args)?;
+    if args.serial.is_none() {
+        input.serial = taken.serial;
+    }
+    let finished = solve(args, input);
+    drop(taken.temporary); // read for the last time
+    finished
+}
+
+fn solve(args: &CalibrateArgs, input: Input) -> anyhow::Result<Finished> {
     let start = Instant::now();
-    let input = Input::read(args)?;
     for output in [Some(&args.output), args.report.as_ref()].into_iter().flatten() {
         if input.all_files().any(|input| same_file(input, output)) {
             return Err(Usage(format!("{}: would overwrite an input", output.display())).into());
-        }
-        // Told now, not after half a minute of work.
-        if !folder_of(output).is_dir() {
-            return Err(Usage(format!("{}: no such folder", folder_of(output).display())).into());
         }
     }
     let mut left_out = Vec::new();

@@ -2,6 +2,7 @@
 //! the distortion there is extrapolated, which no residual and no covariance shows.
 
 use super::solve::CalibrationSolution;
+use crate::units::Px;
 
 /// A corner of the picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,10 +32,19 @@ const REACH: f64 = 0.7;
 /// The corners without circles.
 #[must_use]
 pub fn empty_corners(solution: &CalibrationSolution) -> Vec<Corner> {
-    let [half_width, half_height] = solution.image_px.map(|n| 0.5 * (n as f64 - 1.0));
+    let used = || solution.frames.iter().flat_map(|f| &f.centres).filter(|c| c.used).map(|c| c.at);
+    corners_without(used, solution.image_px)
+}
+
+/// The corners without any of these places.
+pub(super) fn corners_without<I: Iterator<Item = Px>>(
+    places: impl Fn() -> I,
+    image_px: [usize; 2],
+) -> Vec<Corner> {
+    let [half_width, half_height] = image_px.map(|n| 0.5 * (n as f64 - 1.0));
     let seen = |to_right: f64, down: f64| {
-        solution.frames.iter().flat_map(|f| &f.centres).filter(|c| c.used).any(|c| {
-            to_right * (c.at.u / half_width - 1.0) > REACH && down * (c.at.v / half_height - 1.0) > REACH
+        places().any(|at| {
+            to_right * (at.u / half_width - 1.0) > REACH && down * (at.v / half_height - 1.0) > REACH
         })
     };
     [

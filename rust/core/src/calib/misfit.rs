@@ -199,6 +199,13 @@ pub(super) fn misfits(solved: &Solved) -> Option<Found> {
     Some(Found { misfits, shared: known.left.shared, covariance, information })
 }
 
+/// The solution as it is, without a search for patterns.
+#[cfg(test)]
+pub(super) fn without_patterns(solved: &Solved) -> Option<Found> {
+    let (information, covariance) = Wider::none(solved).covariance()?;
+    Some(Found { misfits: Vec::new(), shared: solved.shared.clone(), covariance, information })
+}
+
 /// Wilson and Hilferty's quantile of chi-square.
 fn one_in_a_thousand(degrees: f64) -> f64 {
     let part = 2.0 / (9.0 * degrees);

@@ -2,7 +2,8 @@
 //!
 //! [`find_board`] for every frame (frames are independent: run them in parallel), [`solve_camera`] over all of them,
 //! [`CameraSolution::find_stripes`] for every frame again, [`solve_all`]. Then [`uncertainty`] says what it is good for
-//! and [`next_frame`] what to add. A set that fixes no calibration is a [`CalibrationReject`].
+//! and [`next_frame`] what to add. A set that fixes no calibration is a [`CalibrationReject`]. While frames are being taken,
+//! [`Session`] says which are worth it.
 
 mod adjust;
 mod blobs;
@@ -19,6 +20,7 @@ pub mod opencv;
 mod planes;
 mod reject;
 mod rim;
+mod session;
 #[cfg(test)]
 mod simulation;
 mod solve;
@@ -35,6 +37,7 @@ pub use lens::{LensChoice, LensTerms, LensTrial};
 pub use misfit::{Misfit, MisfitKind};
 pub use next_frame::{Advice, next_frame};
 pub use reject::{CalibrationReject, FrameReject};
+pub use session::{BoardPlace, ENOUGH_FRAMES, Missing, Session, Side, Verdict};
 pub use solve::{
     CalibrationSettings, CalibrationSolution, CameraAlone, CameraSolution, CentreResidual, FrameResult,
     MIN_FRAMES, StripeResidual, solve_all, solve_camera,

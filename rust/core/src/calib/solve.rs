@@ -132,7 +132,7 @@ fn copies(views: &[BoardView]) -> Vec<Option<FrameReject>> {
     (0..views.len()).map(of_view).collect()
 }
 
-fn pairs_of(view: &BoardView, board: &Board) -> Vec<(Vector2<f64>, Px)> {
+pub(super) fn pairs_of(view: &BoardView, board: &Board) -> Vec<(Vector2<f64>, Px)> {
     view.circles.iter().map(|c| (board.centre_mm(c.column, c.row), c.ellipse_centre)).collect()
 }
 
