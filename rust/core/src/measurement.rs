@@ -348,7 +348,7 @@ pub struct DepthSeen {
     pub stripes: usize,
 }
 
-/// Time spent in each stage in nanoseconds, in the order in which the stages ran. Only filled by `*_timed` calls.
+/// Name of each stage and the time spent in it, nanoseconds, in the order in which the stages first ran; frames add up.
 pub type StageTimes = Vec<(&'static str, u64)>;
 
 #[cfg(test)]
