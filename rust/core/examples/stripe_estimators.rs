@@ -1,4 +1,4 @@
-//! Ways to find a stripe's centre on recorded frames, judged by the scene's true geometry. Prints the tables of
+//! Ways to find a stripe's centre on recorded frames, judged by the scene's true geometry. Prints what is judged in
 //! `rust/decisions/0003-stripe-centre.md`.
 //!
 //! `cargo run --release -p boxline --example stripe_estimators -- tests/data/b0*`

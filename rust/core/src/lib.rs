@@ -32,6 +32,9 @@
 //! cannot be measured is a [`Reject`] with numbers, which is a result too. An [`Error`] is a broken input: bytes, a calibration, sizes that
 //! do not fit. A panic is a bug.
 //!
+//! *The paper* that comments cite is T. Peng, Z. Zhang, Y. Song, F. Chen, D. Zeng: "Portable System for Box Volume Measurement Based on
+//! Line-Structured Light Vision and Deep Learning", Sensors 2019, 19, 3921; `rust/PHYSICS.md` has its equations as they are used.
+//!
 //! Positions in pictures are [`Px`] on the raw sensor, (0, 0) the centre of the first pixel. Points, rays and planes in space carry their
 //! frame of reference as a type ([`frames`]); `rust/CONVENTIONS.md` has all terms, units and frames. Data flows one way, from frame to
 //! stripes, face plane, edges, rectangle and box; only [`pipeline`] knows all stages, and [`trace`] lets a caller look on.

@@ -287,7 +287,7 @@ pub struct DepthSeen {
     pub stripes: usize,
 }
 
-/// Time spent in each stage in nanoseconds, in the order in which the stages ran.
+/// Name of each stage and the time spent in it, nanoseconds, in the order in which the stages first ran; frames add up.
 pub type StageTimes = Vec<(&'static str, u64)>;
 
 #[cfg(test)]

@@ -1,5 +1,5 @@
 //! Stripes fainter than a pixel's noise (the sun outdoors): how faint they may be, and how often something else is taken for them.
-//! Drawn at full size, since what counts is how many pixels add up. The tables in `rust/UNCERTAINTY.md` come from
+//! Drawn at full size, since what counts is how many pixels add up. The figures in `rust/UNCERTAINTY.md` come from
 //! `cargo test --release -p boxline --lib -- --ignored --nocapture faint`.
 
 use super::extent::{Sight, crossing_px, inner_segments};

@@ -119,8 +119,8 @@ pub struct Coverage {
     pub volumes: Tally,
     /// Faces that were measured ...
     pub faces: usize,
-    /// ... and for how many each of [`WarningKind::ALL`] was told (the last one counts boxes).
-    pub warned: [usize; 5],
+    /// ... and for how many each of [`WarningKind::ALL`] was told (the last one, `sides_differ`, counts boxes).
+    pub warned: [usize; WarningKind::ALL.len()],
     /// Faces whose moved laser was named, and named rightly.
     pub named: [usize; 2],
     /// Every side that is counted in [`Tally::beyond_5_sigma`].
@@ -176,7 +176,7 @@ impl Coverage {
             return;
         };
         let (outcome, warnings) = measure_box_of(a, b);
-        self.warned[4] += warnings.len();
+        self.warned[WarningKind::ALL.len() - 1] += warnings.len();
         let noticed = !(warnings.is_empty() && a.warnings.is_empty() && b.warnings.is_empty());
         let measured = match outcome {
             Outcome::Measured(measured) => measured,
@@ -230,6 +230,21 @@ impl Coverage {
         }
     }
 
+    /// The run as a row of the table of checks in `rust/UNCERTAINTY.md`, as [`CHECKS_HEAD`] has it.
+    #[must_use]
+    pub fn checks_row(&self, name: &str) -> String {
+        let share = |count: usize, of: usize| format!("{:.2} %", 100.0 * count as f64 / of.max(1) as f64);
+        let [moved, flat, right_angled, opposite, .., differ] = self.warned;
+        let [of_faces, of_boxes] = [self.faces, self.boxes];
+        let named = format!("{}, rightly {}", self.named[0], self.named[1]);
+        let cells = [moved, flat, right_angled, opposite].map(|count| share(count, of_faces));
+        let [first, rest @ ..] = cells;
+        let within = format!("{:.1} %", self.sides.coverage() * 100.0);
+        let cells = [format!("{name} ({of_faces})"), first, named];
+        let cells = cells.into_iter().chain(rest).chain([share(differ, of_boxes), within]);
+        format!("| {} |", cells.collect::<Vec<_>>().join(" | "))
+    }
+
     /// The run as one object.
     #[must_use]
     pub fn json(&self) -> Value {
@@ -262,34 +277,40 @@ fn off_mm(measured: &BoxMeasurement, drawn: &PointBox) -> f64 {
     sides(measured).iter().zip(drawn.size_mm).map(|(s, t)| (s.value_mm - t).abs()).sum()
 }
 
+/// The head of the table of checks.
+pub const CHECKS_HEAD: &str = "| Faces | `laser_moved` | a laser named | `face_not_flat` | `not_right_angled` | `opposite_edges` | `sides_differ`, of boxes | sides in their interval |
+|---|---|---|---|---|---|---|---|";
+
+/// As in `rust/UNCERTAINTY.md`.
+const TABLE_HEAD: &str = "| Sides, mm | Count | In the 95 % interval | Mean (error/sigma)² | Mean error/sigma | rms error, mm | rms sigma, mm | Within 1 mm | > 5 sigma |
+|---|---|---|---|---|---|---|---|---|";
+
 impl fmt::Display for Coverage {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(
-            f,
-            "{} boxes, {} refused, {} ambiguous\n\n\
-             sides mm      count  in 95 %  mean z^2  mean z  rms error  rms sigma  within 1 mm  > 5 sigma",
-            self.boxes, self.refused, self.ambiguous
-        )?;
-        let mut line = |name: &str, t: &Tally| {
+        let Self { boxes, refused, ambiguous, .. } = self;
+        writeln!(f, "{boxes} boxes, {refused} refused, {ambiguous} ambiguous\n\n{TABLE_HEAD}")?;
+        let mut line = |name: &str, t: &Tally, [unit, within]: [&str; 2], per_unit: f64| {
             writeln!(
                 f,
-                "{name:<12} {:>6} {:>8.1} % {:>8.2} {:>7.2} {:>10.3} {:>10.3} {:>10.1} % {:>10}",
+                "| {name} | {} | {:.1} % | {:.2} | {:+.2} | {:.2}{unit} | {:.2}{unit} | {within} | {} |",
                 t.count,
                 t.coverage() * 100.0,
                 t.mean_z2(),
                 t.mean_z(),
-                t.rms_error(),
-                t.mean(t.sum_sigma2).sqrt(),
-                t.share_within_1_mm() * 100.0,
+                t.rms_error() * per_unit,
+                t.mean(t.sum_sigma2).sqrt() * per_unit,
                 t.beyond_5_sigma
             )
         };
+        let mut sides = |name: &str, t: &Tally| {
+            line(name, t, ["", &format!("{:.1} %", t.share_within_1_mm() * 100.0)], 1.0)
+        };
         for (tally, bounds) in self.classes.iter().zip(CLASSES_MM.windows(2)) {
-            line(&format!("{}-{}", bounds[0], bounds[1]), tally)?;
+            sides(&format!("{}-{}", bounds[0], bounds[1]), tally)?;
         }
-        line("all", &self.sides)?;
-        line("of one face", &self.face_sides)?;
-        line("volume, 1e-3", &self.volumes)?;
+        sides("all", &self.sides)?;
+        sides("of one face", &self.face_sides)?;
+        line("volume", &self.volumes, [" %", "-"], 0.1)?; // from thousandths
         writeln!(f, "\ntold of {} faces (sides_differ: of boxes)", self.faces)?;
         for (kind, count) in WarningKind::ALL.iter().zip(self.warned) {
             let of = if *kind == WarningKind::SidesDiffer { self.boxes } else { self.faces };
