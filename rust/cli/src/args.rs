@@ -194,7 +194,7 @@ pub struct MeasureArgs {
     #[arg(long, value_name = "FILE")]
     pub calibration: Option<PathBuf>,
     #[command(flatten)]
-    pub how: How,
+    pub measuring: MeasureOptions,
     /// The same view as each frame with the lasers off, in the frames' order; a recording's own (`a_off`) are used without it
     #[arg(long, value_name = "A_OFF.jpg", conflicts_with = "ignore_off")]
     pub off: Vec<PathBuf>,
@@ -220,7 +220,7 @@ pub struct FaceArgs {
     #[arg(long, value_name = "FILE")]
     pub calibration: PathBuf,
     #[command(flatten)]
-    pub how: How,
+    pub measuring: MeasureOptions,
     #[command(flatten)]
     pub output: Output,
 }
@@ -417,7 +417,7 @@ impl HeadName {
 }
 
 #[derive(ClapArgs)]
-pub struct How {
+pub struct MeasureOptions {
     /// How sides are computed: joint fit of a rectangle, or the paper's eight key points
     #[arg(long, value_enum, default_value_t = MethodName::Fit)]
     pub method: MethodName,
@@ -551,7 +551,7 @@ impl NetworkArgs {
     }
 }
 
-impl How {
+impl MeasureOptions {
     /// The library's settings.
     pub fn settings<'a>(&self, choose: Option<u8>, network: Option<&'a AnyNet>) -> Settings<'a> {
         let method = match self.method {

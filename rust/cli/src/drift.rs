@@ -1,7 +1,7 @@
 //! `boxline drift`: from many measurements of ordinary boxes, whether the lasers have moved since the calibration, and how.
 
 use crate::Finished;
-use crate::args::How;
+use crate::args::MeasureOptions;
 use crate::input::{Usage, lit_faces, read_frame};
 use crate::say::say;
 use anyhow::Context;
@@ -37,7 +37,7 @@ pub struct DriftArgs {
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
     #[command(flatten)]
-    pub how: How,
+    pub measuring: MeasureOptions,
     /// Print one JSON object
     #[arg(long)]
     pub json: bool,
@@ -53,7 +53,7 @@ pub enum Side {
 }
 
 /// A face that was measured, or why not.
-struct Seen {
+struct FaceResult {
     name: String,
     face: Result<ObservedFace, String>,
 }
@@ -69,8 +69,8 @@ pub fn drift(args: &DriftArgs) -> anyhow::Result<Finished> {
         return Err(Usage(format!("{}: would overwrite the calibration", output.display())).into());
     }
     let calibration = read_calibration(&file)?;
-    let network = args.how.network.load(args.how.edges)?;
-    let settings = args.how.settings(None, network.as_ref());
+    let network = args.measuring.network.load(args.measuring.edges)?;
+    let settings = args.measuring.settings(None, network.as_ref());
     let mut seen = Vec::new();
     let mut ruled = 0;
     for (index, recording) in recordings.iter().enumerate() {
@@ -97,7 +97,7 @@ pub fn drift(args: &DriftArgs) -> anyhow::Result<Finished> {
                     .ok_or_else(|| "too few points on a side or stripe".to_owned()),
                 FaceOutcome::Rejected(reject) => Err(reject.to_string()),
             };
-            seen.push(Seen { name, face });
+            seen.push(FaceResult { name, face });
         }
     }
     if let (Some(known_mm), 0) = (args.length, ruled) {
@@ -164,7 +164,7 @@ fn lasers_json(drift: &Drift) -> Value {
     drift.lasers.iter().map(laser).collect::<Vec<_>>().into()
 }
 
-fn drift_json(drift: &Drift, seen: &[Seen], calibration: &Calibration) -> Value {
+fn drift_json(drift: &Drift, seen: &[FaceResult], calibration: &Calibration) -> Value {
     let mut chi_squares = drift.face_chi_squares.iter();
     let faces: Vec<Value> = seen
         .iter()
@@ -194,7 +194,7 @@ fn drift_json(drift: &Drift, seen: &[Seen], calibration: &Calibration) -> Value 
     })
 }
 
-fn text(drift: &Drift, seen: &[Seen], calibration: &Calibration, output: Option<&Path>) -> String {
+fn text(drift: &Drift, seen: &[FaceResult], calibration: &Calibration, output: Option<&Path>) -> String {
     let mut lines = Vec::new();
     let used = drift.face_chi_squares.iter().flatten().count();
     lines.push(format!("{used} of {} faces used", seen.len()));

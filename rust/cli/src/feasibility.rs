@@ -3,7 +3,7 @@
 use crate::Finished;
 use crate::input::Usage;
 use boxline::Calibration;
-use boxline::feasibility::{Reach, SideSigmas, reaches};
+use boxline::feasibility::{SideSigmas, WorkingRange, working_ranges};
 use boxline_proto::json::read_calibration;
 use clap::Args as ClapArgs;
 use plotters::prelude::*; // in use for the calibration's report
@@ -44,13 +44,13 @@ fn size(text: &str) -> Result<[f64; 2], String> {
 /// A face with the distances from which it can be measured.
 struct Row {
     size_mm: [f64; 2],
-    reaches: Vec<Reach>,
+    working_ranges: Vec<WorkingRange>,
 }
 
 impl Row {
     /// The distance with the smallest sigma of the length.
-    fn best(&self) -> Option<&Reach> {
-        self.reaches.iter().min_by(|a, b| a.length.total_mm().total_cmp(&b.length.total_mm()))
+    fn best(&self) -> Option<&WorkingRange> {
+        self.working_ranges.iter().min_by(|a, b| a.length.total_mm().total_cmp(&b.length.total_mm()))
     }
 }
 
@@ -63,7 +63,7 @@ pub fn feasibility(args: &FeasibilityArgs) -> anyhow::Result<Finished> {
     };
     let rows: Vec<Row> = sizes
         .into_iter()
-        .map(|size_mm| Row { size_mm, reaches: reaches(&calibration, size_mm[0], size_mm[1]) })
+        .map(|size_mm| Row { size_mm, working_ranges: working_ranges(&calibration, size_mm[0], size_mm[1]) })
         .collect();
     if let Some(path) = &args.picture {
         if path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("svg")) {
@@ -84,7 +84,7 @@ fn table(rows: &[Row], calibration: &Calibration) -> String {
     for row in rows {
         let [length, width] = row.size_mm;
         let name = format!("{length:.0} x {width:.0}");
-        match (row.reaches.first(), row.reaches.last(), row.best()) {
+        match (row.working_ranges.first(), row.working_ranges.last(), row.best()) {
             (Some(near), Some(far), Some(best)) => table.add_row([
                 name,
                 format!("{:.0}", near.distance_mm),
@@ -134,11 +134,11 @@ fn all_json(rows: &[Row], calibration: &Calibration) -> Value {
             "drift_mm": s.drift_mm, "rounding_mm": s.rounding_mm,
         })
     };
-    let reach = |r: &Reach| json!({"distance_mm": r.distance_mm, "length_sigma": sigmas(&r.length), "width_sigma": sigmas(&r.width)});
+    let reach = |r: &WorkingRange| json!({"distance_mm": r.distance_mm, "length_sigma": sigmas(&r.length), "width_sigma": sigmas(&r.width)});
     let row = |row: &Row| {
         json!({
-            "length_mm": row.size_mm[0], "width_mm": row.size_mm[1], "feasible": !row.reaches.is_empty(),
-            "reaches": row.reaches.iter().map(reach).collect::<Vec<_>>(),
+            "length_mm": row.size_mm[0], "width_mm": row.size_mm[1], "feasible": !row.working_ranges.is_empty(),
+            "working_ranges": row.working_ranges.iter().map(reach).collect::<Vec<_>>(),
         })
     };
     json!({
@@ -154,7 +154,7 @@ fn picture(rows: &[Row]) -> Result<String, String> {
     fn told(e: impl std::fmt::Display) -> String {
         e.to_string()
     }
-    let all = || rows.iter().flat_map(|r| &r.reaches);
+    let all = || rows.iter().flat_map(|r| &r.working_ranges);
     let far = all().map(|r| r.distance_mm).fold(1000.0, f64::max);
     let most = all().map(|r| r.length.total_mm()).fold(0.5, f64::max);
     let mut svg = String::new();
@@ -174,11 +174,11 @@ fn picture(rows: &[Row]) -> Result<String, String> {
             .y_desc("standard deviation of the length, mm")
             .draw()
             .map_err(told)?;
-        for (i, row) in rows.iter().filter(|r| !r.reaches.is_empty()).enumerate() {
+        for (i, row) in rows.iter().filter(|r| !r.working_ranges.is_empty()).enumerate() {
             let colour = crate::calibrate::COLOURS[i % crate::calibrate::COLOURS.len()];
-            let points = row.reaches.iter().map(|r| (r.distance_mm, r.length.total_mm()));
+            let points = row.working_ranges.iter().map(|r| (r.distance_mm, r.length.total_mm()));
             chart.draw_series(LineSeries::new(points, colour.stroke_width(2))).map_err(told)?;
-            if let Some(last) = row.reaches.last() {
+            if let Some(last) = row.working_ranges.last() {
                 let name = format!("{:.0} x {:.0}", row.size_mm[0], row.size_mm[1]);
                 let at = (last.distance_mm, last.length.total_mm());
                 let label = Text::new(name, at, ("sans-serif", 11).into_font().color(&colour));

@@ -62,10 +62,10 @@ pub fn measure(args: &MeasureArgs) -> anyhow::Result<Finished> {
     };
     let frames: Vec<Frame> = sources.par_iter().map(read).collect::<Result<_, boxline::Error>>()?;
     let frames: Vec<&Frame> = frames.iter().collect();
-    let network = args.how.network.load(args.how.edges)?;
+    let network = args.measuring.network.load(args.measuring.edges)?;
     let stages = args.explain.is_some().then(|| Stages::new(&frames));
     let trace = stages.as_ref().map(|stages| stages as &dyn Trace);
-    let settings = Settings { trace, ..args.how.settings(args.choose, network.as_ref()) };
+    let settings = Settings { trace, ..args.measuring.settings(args.choose, network.as_ref()) };
     let report = measure_box(&frames, &calibration, &settings).map_err(|e| {
         // The library knows frames, not files: the culprit is the one that does not fit.
         let fits = |frame: &Frame| {
@@ -105,8 +105,8 @@ pub fn face(args: &FaceArgs) -> anyhow::Result<Finished> {
     check_overlay(&args.output, &[&args.frame, &args.calibration])?;
     let calibration = read_calibration(&args.calibration)?;
     let frame = read_frame(&args.frame)?;
-    let network = args.how.network.load(args.how.edges)?;
-    let settings = args.how.settings(None, network.as_ref());
+    let network = args.measuring.network.load(args.measuring.edges)?;
+    let settings = args.measuring.settings(None, network.as_ref());
     let report =
         measure_face(&frame, &calibration, &settings).map_err(|e| e.in_context(args.frame.display()))?;
     let face = &report.outcome;

@@ -28,7 +28,7 @@ const WAYS: [(&str, Estimator); 3] = [
     ("Gaussian", Estimator::Gaussian),
     ("Steger", Estimator::Steger),
 ];
-/// Classes of the stripe's height over its background, grey levels of redness: the brightest ones are saturated.
+/// Classes of the stripe's height over its background, grey levels of laser response: the brightest ones are saturated.
 const BRIGHTNESS: [(f64, &str); 4] =
     [(15.0, "below 15"), (40.0, "15 to 40"), (100.0, "40 to 100"), (f64::INFINITY, "above 100")];
 

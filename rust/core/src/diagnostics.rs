@@ -2,7 +2,7 @@
 
 use crate::calibration::Calibration;
 use crate::face::end_outline::end_outline;
-use crate::face::extent::{Sight, follow_stripes, inner_segments};
+use crate::face::extent::{StripeContrast, follow_stripes, inner_segments};
 use crate::face::outline::{SIDES, outward_sign, span_mm};
 use crate::frames::{Cam, Plane};
 use crate::image::Frame;
@@ -10,10 +10,10 @@ use crate::image::bands::band_maps;
 use crate::network::StripeLight;
 use crate::rectangle::line_evidence::Evidence as LineEvidence;
 use crate::scene::lit::LitLines;
+use crate::stripe::colour_projection::ColourProjection;
 use crate::stripe::grid_search::{self, Evidence};
 pub use crate::stripe::peak::Estimator;
-use crate::stripe::tint::Tint;
-use crate::stripe::trace::{StripeLine, TraceSettings, Walk, measure_half_width_px, trace};
+use crate::stripe::trace::{ScanDirection, StripeLine, TraceSettings, measure_half_width_px, trace};
 use crate::units::{LaserId, Px};
 
 /// Farthest from the true stripe that a centre is looked for, px: beyond that it is another thing.
@@ -28,7 +28,7 @@ const HALF_WIDTH_PX: f64 = 10.0;
 pub struct Centre {
     /// Signed distance across the stripe, px.
     pub residual_px: f64,
-    /// Height over the background, grey levels of redness.
+    /// Height over the background, grey levels of laser response.
     pub amplitude: f64,
 }
 
@@ -45,21 +45,25 @@ pub fn stripe_residuals(
     estimator: Estimator,
 ) -> Vec<Option<Centre>> {
     let line = StripeLine::new(calibration, laser, plane);
-    let along = |px: Px| match line.walk {
-        Walk::Rows => px.v,
-        Walk::Columns => px.u,
+    let along = |px: Px| match line.scan {
+        ScanDirection::Rows => px.v,
+        ScanDirection::Columns => px.u,
     };
     let [p, q] = endpoints_px;
     let (first, last) = if along(p) <= along(q) { (p, q) } else { (q, p) };
     let range = along(first)..along(last);
-    let half_width_px =
-        measure_half_width_px(frame, calibration, &[(line, range.clone(), first)], &[Tint::REDNESS]);
+    let half_width_px = measure_half_width_px(
+        frame,
+        calibration,
+        &[(line, range.clone(), first)],
+        &[ColourProjection::LASER_RESPONSE],
+    );
     let settings = TraceSettings {
         rows,
         search_px: SEARCH_PX,
         min_signal_to_noise: MIN_SIGNAL_TO_NOISE,
         half_width_px: half_width_px.unwrap_or(HALF_WIDTH_PX),
-        tint: Tint::REDNESS,
+        projection: ColourProjection::LASER_RESPONSE,
         estimator,
         smooth_px: 0.0,
     };
@@ -93,7 +97,7 @@ pub fn side_lines(frame: &Frame, calibration: &Calibration) -> Vec<SideLine> {
         let ridges = band_maps(frame, grid_search::diagonals(calibration));
         let evidence = LaserId::ALL.map(|id| Evidence::ridge(&ridges[id.index() / 2]));
         let planes = grid_search::find_planes(calibration, &evidence, grid_search::IN_RIDGES, 1);
-        let inner = inner_segments(frame, calibration, &planes.first()?.plane, Sight::Clear)?;
+        let inner = inner_segments(frame, calibration, &planes.first()?.plane, StripeContrast::Clear)?;
         let wide = follow_stripes(frame, calibration, &inner, None)?;
         let outline = end_outline(frame, calibration, &wide).ok()?;
         let raster = outline.raster.on(&wide.fit.plane);
@@ -103,7 +107,7 @@ pub fn side_lines(frame: &Frame, calibration: &Calibration) -> Vec<SideLine> {
             calibration,
             raster: &raster,
             outline: &outline,
-            asked: None,
+            network: None,
             wide: &wide,
             seen: None,
             lit: &lit,

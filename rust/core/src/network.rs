@@ -18,7 +18,7 @@ pub enum Channel {
     /// A laser's stripe on the face that is measured; it ends at the face's edges.
     Laser(LaserId),
     /// Laser light on anything else.
-    Spill,
+    StrayLight,
     /// Edges of the face.
     FaceEdge,
     /// Edges of other faces and other boxes.
@@ -36,7 +36,7 @@ impl Channel {
         Self::Laser(LaserId::ALL[1]),
         Self::Laser(LaserId::ALL[2]),
         Self::Laser(LaserId::ALL[3]),
-        Self::Spill,
+        Self::StrayLight,
         Self::FaceEdge,
         Self::OtherEdge,
         Self::FaceMask,
@@ -48,7 +48,7 @@ impl Channel {
     pub const fn index(self) -> usize {
         match self {
             Self::Laser(id) => id.index(),
-            Self::Spill => 4,
+            Self::StrayLight => 4,
             Self::FaceEdge => 5,
             Self::OtherEdge => 6,
             Self::FaceMask => 7,
@@ -284,7 +284,7 @@ pub trait EdgeMapNetwork: Send + Sync {
 }
 
 /// A network that was asked about a frame, and what it said.
-pub(crate) struct Asked<'a> {
+pub(crate) struct NetworkOutput<'a> {
     network: &'a dyn Network,
     pub maps: FaceMaps,
     /// The frame as [`SMALL`], red, green and blue planes.
@@ -292,7 +292,7 @@ pub(crate) struct Asked<'a> {
     failure: OnceCell<Error>,
 }
 
-impl<'a> Asked<'a> {
+impl<'a> NetworkOutput<'a> {
     /// Asks for the maps.
     pub fn new(network: &'a dyn Network, frame: &Frame) -> Result<Self, Error> {
         let mut small = vec![0.0; 3 * SMALL[0] * SMALL[1]];

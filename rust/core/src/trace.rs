@@ -2,7 +2,7 @@
 //! --explain` draws it. Looking on changes no result.
 
 use crate::image::Frame;
-use crate::image::redness::{RidgeMap, Z_STEPS};
+use crate::image::laser_response::{RidgeMap, Z_STEPS};
 use crate::network::FaceMaps;
 use crate::units::Px;
 

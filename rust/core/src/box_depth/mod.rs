@@ -16,7 +16,7 @@
 //! - nothing, or texture: the stripe must stand out against the same filter along lines beside it (which has texture's
 //!   scatter, and its correlation along the line), allowing for all lines that were tried ([`FALSE_ALARM`]);
 //! - a flush face that goes on straight, the floor, a wall: their stripes leave the predicted line at an angle. How much later
-//!   they seem to end ([`Trail::late_mm`]) must be less than half of the nearer depth at the edge, and less than what the two
+//!   they seem to end ([`StripePath::late_mm`]) must be less than half of the nearer depth at the edge, and less than what the two
 //!   depths differ behind it; and the stripe must begin at the edge;
 //! - a flush box or pallet behind that carries the stripe on: the seam interrupts it at B, it would have to be there behind both
 //!   faces, and to end at A; where A is a multiple of B, equal boxes in a row do, so such a pair is never settled as A deep;
@@ -30,11 +30,11 @@ mod trail;
 use crate::calibration::Calibration;
 use crate::image::Frame;
 use crate::measurement::{BoxMeasurement, DepthSeen, FaceMeasurement};
-use crate::stripe::tint::measure_tints;
+use crate::stripe::colour_projection::measure_tints;
 use crate::stripe::trace::{StripeLine, measure_half_width_px};
 use crate::units::{Estimate, LaserId};
 use std::ops::Range;
-use trail::{Paper, Place, Trail};
+use trail::{FramedStripe, Place, StripePath};
 
 /// Probability that noise alone looks like a stripe on any of the lines that are tried for one stripe.
 const FALSE_ALARM: f64 = 1e-4;
@@ -75,7 +75,7 @@ pub(crate) fn settle(
     let depths = Depths { near_mm: behind[nearer], far_mm: behind[1 - nearer] };
     let of_frame = |i: usize| stripes_beside(calibration, frames[i], faces[i], &depths);
     let of_frames = [of_frame(0), of_frame(1)];
-    let seen: Vec<Seen> = of_frames.iter().flatten().copied().collect();
+    let seen: Vec<DepthEvidence> = of_frames.iter().flatten().copied().collect();
     let count = |end: End| seen.iter().filter(|s| s.end == end).count();
     let passing = seen.iter().any(|s| s.passes);
     let deeper = of_frames.iter().all(|seen| seen.iter().any(|s| s.passes || s.end == End::Far));
@@ -114,7 +114,7 @@ enum End {
 
 /// What one stripe on a neighbouring face says.
 #[derive(Clone, Copy, Debug)]
-struct Seen {
+struct DepthEvidence {
     end: End,
     /// It goes through the nearer depth without a gap.
     passes: bool,
@@ -129,24 +129,24 @@ fn stripes_beside(
     frame: &Frame,
     face: &FaceMeasurement,
     depths: &Depths,
-) -> Vec<Seen> {
+) -> Vec<DepthEvidence> {
     // How the stripes look on the face itself.
     let on_face = LaserId::ALL.map(|id| {
         let line = StripeLine::new(calibration, id, &face.plane);
         let [p, q] = face.key_points_px[id.index()];
-        let (first, last) = if line.walk.along(p) <= line.walk.along(q) { (p, q) } else { (q, p) };
-        (line, line.walk.along(first)..line.walk.along(last), first)
+        let (first, last) = if line.scan.along(p) <= line.scan.along(q) { (p, q) } else { (q, p) };
+        (line, line.scan.along(first)..line.scan.along(last), first)
     });
-    let tints = measure_tints(frame, calibration, &on_face);
-    let Some(foot_px) = measure_half_width_px(frame, calibration, &on_face, &tints) else {
+    let projections = measure_tints(frame, calibration, &on_face);
+    let Some(foot_px) = measure_half_width_px(frame, calibration, &on_face, &projections) else {
         return Vec::new();
     };
     let mut all = Vec::new();
     for side in 0..4 {
         for id in LaserId::ALL {
-            let paper = Paper { calibration, frame, tint: tints[id.index()], foot_px };
+            let paper = FramedStripe { calibration, frame, projection: projections[id.index()], foot_px };
             let most_mm = 1.5 * depths.far_mm + 10.0 * END_MM;
-            let trail = Trail::new(&paper, face, side, id, most_mm);
+            let trail = StripePath::new(&paper, face, side, id, most_mm);
             all.extend(trail.and_then(|trail| look(&trail, &paper, depths)));
         }
     }
@@ -154,7 +154,7 @@ fn stripes_beside(
 }
 
 /// What one trail shows, if anything.
-fn look(trail: &Trail, paper: &Paper, depths: &Depths) -> Option<Seen> {
+fn look(trail: &StripePath, paper: &FramedStripe, depths: &Depths) -> Option<DepthEvidence> {
     let Depths { near_mm, far_mm } = *depths;
     let lit = trail.brightest(paper, near_mm)?;
     // The largest of so many normal values is larger than this once in 1 / FALSE_ALARM times.
@@ -209,7 +209,7 @@ fn look(trail: &Trail, paper: &Paper, depths: &Depths) -> Option<Seen> {
     let passes = end != End::Near && passes(places, &seam_mm);
     let sigma_mm = 0.5 * slack_mm(depth_mm);
     let tells = log_odds >= LEAST_OF_ONE && (passes || end != End::Beyond);
-    tells.then_some(Seen { end, passes, depth_mm, sigma_mm, log_odds })
+    tells.then_some(DepthEvidence { end, passes, depth_mm, sigma_mm, log_odds })
 }
 
 /// Whether the stripe goes through this range of depths without a gap, such as the seam between two flush boxes is.

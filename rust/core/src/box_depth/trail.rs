@@ -4,15 +4,15 @@ use crate::calibration::Calibration;
 use crate::frames::Point;
 use crate::image::Frame;
 use crate::measurement::FaceMeasurement;
-use crate::stripe::tint::Tint;
+use crate::stripe::colour_projection::ColourProjection;
 use crate::units::LaserId;
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 /// The frame and how a stripe looks on it.
-pub(super) struct Paper<'a> {
+pub(super) struct FramedStripe<'a> {
     pub calibration: &'a Calibration,
     pub frame: &'a Frame,
-    pub tint: Tint,
+    pub projection: ColourProjection,
     /// Half the stripe's width at its foot, px.
     pub foot_px: f64,
 }
@@ -35,7 +35,7 @@ const FLOOR: f64 = 0.5;
 const LEAST_PLACES: usize = 12;
 
 /// A stripe's predicted way over a neighbouring face.
-pub(super) struct Trail {
+pub(super) struct StripePath {
     steps: Vec<Step>,
 }
 
@@ -78,11 +78,11 @@ pub(super) struct Lit {
     pub tried: usize,
 }
 
-impl Trail {
+impl StripePath {
     /// The way of a laser's stripe beyond side `side` (corner `side` to the next one) of a face, up to `most_mm` behind it or to
     /// where it leaves the image. `None` if the stripe does not cross the side or the face beyond is not seen.
     pub fn new(
-        paper: &Paper,
+        paper: &FramedStripe,
         face: &FaceMeasurement,
         side: usize,
         id: LaserId,
@@ -148,7 +148,7 @@ impl Trail {
     }
 
     /// The strongest of all lines on which the stripe may run, judged up to `near_mm`.
-    pub fn brightest(&self, paper: &Paper, near_mm: f64) -> Option<Lit> {
+    pub fn brightest(&self, paper: &FramedStripe, near_mm: f64) -> Option<Lit> {
         let first = self.steps.partition_point(|s| s.depth_mm <= 0.0);
         let last = self.steps.partition_point(|s| s.depth_mm < near_mm);
         if last < first + LEAST_PLACES {
@@ -205,7 +205,7 @@ impl Trail {
     }
 }
 
-impl Trail {
+impl StripePath {
     /// The line through the peaks near a line, with what is known of neighbouring faces beforehand: (off, turn).
     fn refined(
         &self,
@@ -264,7 +264,7 @@ impl Response {
 }
 
 /// Mean and standard deviation of the filter beside the trail around place `i`, robust.
-fn beside(responses: &[Response], i: usize, paper: &Paper) -> (f64, f64) {
+fn beside(responses: &[Response], i: usize, paper: &FramedStripe) -> (f64, f64) {
     let around = &responses[i.saturating_sub(4)..(i + 5).min(responses.len())];
     let mut values: Vec<f64> = around.iter().flat_map(|r| paper.beside_px().map(|o| r.at(o))).collect();
     let middle = values.len() / 2;
@@ -277,7 +277,7 @@ fn beside(responses: &[Response], i: usize, paper: &Paper) -> (f64, f64) {
     (median, spread.max(FLOOR))
 }
 
-impl Paper<'_> {
+impl FramedStripe<'_> {
     /// Half widths in which the filter is built, px: the stripe's core, and where what lies beside it begins and ends.
     fn widths_px(&self) -> [usize; 3] {
         [0.5, 1.2, 2.2].map(|share| (share * self.foot_px).round().max(1.0) as usize)
@@ -312,7 +312,7 @@ impl Paper<'_> {
                 let at = step.at + step.along * row as f64 + step.across * (k as f64 - reach as f64);
                 let (u, v) = (at.x.round().max(0.0) as usize, at.y.round().max(0.0) as usize);
                 let index = v.min(height - 1) * width + u.min(width - 1);
-                value += f64::from(self.tint.at(self.frame.stripe_rgb(), index));
+                value += f64::from(self.projection.at(self.frame.stripe_rgb(), index));
             }
             sums[k + 1] = sums[k] + value / PLACE_PX as f64;
         }

@@ -25,8 +25,8 @@ const MIN_REACH_PX: f64 = 4.0;
 const HALF_SAMPLES: usize = 10;
 /// Dark to white, grey levels of green, below which there is no circle.
 const MIN_CONTRAST: f64 = 20.0;
-/// Redness above that of the rest of the rim at which a place is lit by a laser, grey levels: JPEG leaves 2 to 3.
-const LASER_REDNESS: f64 = 7.0;
+/// Laser response above that of the rest of the rim at which a place is lit by a laser, grey levels: JPEG leaves 2 to 3.
+const LASER_LASER_RESPONSE: f64 = 7.0;
 /// Share of the rim that must be left, free of laser light.
 const MIN_SHARE: f64 = 0.5;
 /// Scatter about the ellipse above which this is no circle, px and share of the radius.
@@ -49,10 +49,10 @@ pub(super) struct Rim {
 struct RimPoint {
     at: Vector2<f64>,
     width_px: f64,
-    redness: f64,
+    laser_response: f64,
 }
 
-/// Green and redness between pixels; `None` outside.
+/// Green and laser response between pixels; `None` outside.
 fn sample(frame: &Frame, at: Vector2<f64>) -> Option<(f64, f64)> {
     let (x, y) = (at.x.floor(), at.y.floor());
     if x < 0.0 || y < 0.0 || x + 1.0 >= frame.width_px() as f64 || y + 1.0 >= frame.height_px() as f64 {
@@ -63,7 +63,7 @@ fn sample(frame: &Frame, at: Vector2<f64>) -> Option<(f64, f64)> {
     let first = y as usize * stride + x as usize * 3;
     let rgb = frame.rgb();
     let mut green = 0.0;
-    let mut redness = 0.0;
+    let mut laser_response = 0.0;
     for (index, weight) in [
         (first, (1.0 - fx) * (1.0 - fy)),
         (first + 3, fx * (1.0 - fy)),
@@ -72,9 +72,9 @@ fn sample(frame: &Frame, at: Vector2<f64>) -> Option<(f64, f64)> {
     ] {
         let [r, g, b] = [rgb[index], rgb[index + 1], rgb[index + 2]].map(f64::from);
         green += weight * g;
-        redness += weight * (r - 0.5 * (g + b));
+        laser_response += weight * (r - 0.5 * (g + b));
     }
-    Some((green, redness))
+    Some((green, laser_response))
 }
 
 /// Finds the rim of a blob. `None` if it is no ellipse, not wholly in the frame, or too much of it is lit by lasers.
@@ -100,8 +100,8 @@ pub(super) fn find_rim(frame: &Frame, blob: &Blob) -> Option<Rim> {
         let (c, s, _) = fit_ellipse(&points, centre, shape)?;
         (centre, shape) = (c, s);
     }
-    let usual = median(points.iter().map(|p| p.redness))?;
-    points.retain(|p| (p.redness - usual).abs() < LASER_REDNESS);
+    let usual = median(points.iter().map(|p| p.laser_response))?;
+    points.retain(|p| (p.laser_response - usual).abs() < LASER_LASER_RESPONSE);
     if (points.len() as f64) < MIN_SHARE * wanted as f64 {
         return None;
     }
@@ -133,12 +133,12 @@ fn rim_point(frame: &Frame, at: Vector2<f64>, normal: Vector2<f64>, reach: f64) 
     let step = reach / HALF_SAMPLES as f64;
     let place = |i: f64| at + normal * ((i - HALF_SAMPLES as f64) * step);
     let mut profile = [0.0; N];
-    let mut redness = 0.0f64;
+    let mut laser_response = 0.0f64;
     for (i, p) in profile.iter_mut().enumerate() {
         let (green, red) = sample(frame, place(i as f64))?;
         *p = green;
         // The reddest place of the profile: a laser on the white side moves the half-way level too.
-        redness = redness.max(red);
+        laser_response = laser_response.max(red);
     }
     let plateau = |part: &[f64]| median(part.iter().copied());
     let (dark, white) = (plateau(&profile[..N / 4])?, plateau(&profile[N - N / 4..])?);
@@ -153,7 +153,7 @@ fn rim_point(frame: &Frame, at: Vector2<f64>, normal: Vector2<f64>, reach: f64) 
     };
     let middle = crossing(0.5)?;
     let width_px = (crossing(0.9)? - crossing(0.1)?).abs() * step;
-    Some(RimPoint { at: place(middle), width_px, redness })
+    Some(RimPoint { at: place(middle), width_px, laser_response })
 }
 
 /// Least squares for an ellipse near a given one: centre, map from the unit circle, residuals along the normals in px.

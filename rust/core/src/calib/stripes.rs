@@ -7,7 +7,7 @@ use crate::camera::CameraModel;
 use crate::eigen::symmetric_eigen;
 use crate::frames::{Cam, Pose, Ray};
 use crate::image::Frame;
-use crate::image::redness::{Diagonal, RidgeMap, Z_STEPS, half_redness, ridge_map};
+use crate::image::laser_response::{Diagonal, RidgeMap, Z_STEPS, half_laser_response, ridge_map};
 use crate::stripe::peak::{Estimator, find_peak};
 use crate::stripe::trace::{FOOT_PER_HALF_HEIGHT, HALF_WIDTHS_PX, SPECKLE_PX, SPECKLE_ROWS};
 use crate::units::Px;
@@ -43,7 +43,7 @@ const BLOCK_PX: usize = 4;
 const REACH_PX: usize = 40;
 /// Farthest from the voted line that a centre is looked for, px.
 const SEARCH_PX: f64 = 5.0;
-/// A centre needs this height over the noise and in grey levels of redness.
+/// A centre needs this height over the noise and in grey levels of laser response.
 const MIN_SIGNAL_TO_NOISE: f64 = 5.0;
 const MIN_AMPLITUDE: f64 = 4.0;
 /// Fewest centres of a stripe.
@@ -109,10 +109,10 @@ pub(super) fn find_stripes(
     pose: &Pose<Cam, OnBoard>,
 ) -> Vec<BoardStripe> {
     let Some(area) = Area::new(board, view, camera, pose) else { return Vec::new() };
-    let (w, h, redness) = half_redness(frame);
+    let (w, h, laser_response) = half_laser_response(frame);
     let mut lines = Vec::new();
     for (diagonal, down) in [(Diagonal::Down, true), (Diagonal::Up, false)] {
-        let map = ridge_map(w, h, &redness, diagonal);
+        let map = ridge_map(w, h, &laser_response, diagonal);
         let mut places = ridge_places(&map, &area);
         let base = if down { Vector2::new(1.0, -1.0) } else { Vector2::new(1.0, 1.0) }.normalize();
         for _ in 0..2 {
@@ -232,8 +232,8 @@ fn in_image(area: &Area, at: Vector2<f64>) -> bool {
         .is_some_and(|px| px.u > 0.0 && px.v > 0.0 && px.u < 2.2 * c.cx && px.v < 2.2 * c.cy)
 }
 
-/// Redness between pixels.
-fn redness(frame: &Frame, u: f64, v: f64) -> Option<f32> {
+/// Laser response between pixels.
+fn laser_response(frame: &Frame, u: f64, v: f64) -> Option<f32> {
     let (x, y) = (u.floor(), v.floor());
     if x < 0.0 || y < 0.0 || x + 1.0 >= frame.width_px() as f64 || y + 1.0 >= frame.height_px() as f64 {
         return None;
@@ -281,7 +281,7 @@ fn follow(frame: &Frame, area: &Area, line: &Line, others: &[Line]) -> Vec<(Px, 
         let profile: Option<Vec<f32>> = (0..=2 * REACH_PX)
             .map(|k| {
                 let p = at + normal * (k as f64 - REACH_PX as f64);
-                redness(frame, p.x, p.y)
+                laser_response(frame, p.x, p.y)
             })
             .collect();
         let Some(profile) = profile else { continue };

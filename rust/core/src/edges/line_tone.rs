@@ -3,7 +3,7 @@
 //! A place is interpolated between four pixels in steps of a quarter: the nearest pixel alone has twice the noise. Eight bytes are
 //! taken at once, two pixels of three colours; each byte has 16 bits of a word to itself, room for the sum over 16 lines.
 
-use super::Tone;
+use super::ColourTone;
 use crate::image::{Frame, LANES, word};
 use crate::units::Px;
 use std::ops::Range;
@@ -97,7 +97,7 @@ impl LineTones {
     }
 
     /// The mean tone of each place, NaN where fewer than `least` lines were inside the image.
-    pub fn means(&self, least: u32) -> impl Iterator<Item = Tone> + '_ {
+    pub fn means(&self, least: u32) -> impl Iterator<Item = ColourTone> + '_ {
         self.sums.iter().map(move |sum| {
             let scale = if sum.lines >= least.max(1) {
                 0.5 / ((ONE * ONE) as f32 * sum.lines as f32)

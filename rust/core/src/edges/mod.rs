@@ -38,11 +38,11 @@ pub(crate) trait EdgeDetector {
 
 /// What edges are seen in: brightness without red, where the laser hardly shows, and the colour difference red - blue,
 /// which tells cardboard from grey floor of the same brightness. Grey levels.
-pub(crate) type Tone = [f32; 2];
+pub(crate) type ColourTone = [f32; 2];
 
 /// The tone at a sub-pixel position.
 #[cfg(test)]
-pub(crate) fn tone(frame: &Frame, u: f64, v: f64) -> Option<Tone> {
+pub(crate) fn tone(frame: &Frame, u: f64, v: f64) -> Option<ColourTone> {
     let [brightness, hue, ..] = tones(frame, Palette::get(), u, v)?.to_array();
     Some([brightness, hue])
 }
@@ -96,7 +96,7 @@ pub(crate) fn light(frame: &Frame, linear: &[f32; 256], u: f64, v: f64) -> Optio
 
 /// `R - (G + B) / 2` at a sub-pixel position, grey levels: where laser light is.
 #[inline]
-pub(crate) fn redness(frame: &Frame, u: f64, v: f64) -> Option<f32> {
+pub(crate) fn laser_response(frame: &Frame, u: f64, v: f64) -> Option<f32> {
     let of = |[red, green, blue]: [u8; 3]| f32::from(red) - 0.5 * (f32::from(green) + f32::from(blue));
     sampled(frame, u, v, of)
 }

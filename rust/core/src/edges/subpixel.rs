@@ -1,6 +1,6 @@
 //! The sub-pixel course of each side: gradient extremes along the normals of the predicted side (the default detector).
 
-use super::{EdgeDetector, EdgePoint, Palette, Tone, noise_of, tones};
+use super::{ColourTone, EdgeDetector, EdgePoint, Palette, noise_of, tones};
 use crate::calibration::Calibration;
 use crate::face::outline::{RoughRectangle, SIDES};
 use crate::image::Frame;
@@ -44,9 +44,9 @@ struct Profile {
     normal: (f64, f64),
     /// Position along the side, 0 to 1.
     along: f64,
-    tone: [Tone; N],
+    tone: [ColourTone; N],
     /// The same in linear light.
-    light: [Tone; N],
+    light: [ColourTone; N],
 }
 
 impl Profile {
@@ -147,7 +147,7 @@ fn profiles(
 
 /// Each profile averaged with its neighbours along the side; all follow the same predicted line.
 fn averaged(profiles: &[Profile], window: usize) -> Vec<Profile> {
-    let mean = |i: usize, of: fn(&Profile) -> &[Tone; N]| {
+    let mean = |i: usize, of: fn(&Profile) -> &[ColourTone; N]| {
         let (lo, hi) = (i.saturating_sub(window / 2), (i + window / 2 + 1).min(profiles.len()));
         let mut tone = [[0f32; 2]; N];
         for p in &profiles[lo..hi] {
@@ -176,7 +176,7 @@ fn gradient(value: &[f32; N]) -> [f32; N] {
 
 /// Fisher's direction for a step at `expected`: difference of the means 2 to 5 px to both sides over the squared noise,
 /// scaled to unit length.
-fn mixture(tone: &[Tone; N], expected: f64, noises: [f32; 2]) -> [f32; 2] {
+fn mixture(tone: &[ColourTone; N], expected: f64, noises: [f32; 2]) -> [f32; 2] {
     let middle = expected.round() as usize;
     let (near, far) = (2 * PER_PX, 5 * PER_PX);
     let weights = [0, 1].map(|c| {

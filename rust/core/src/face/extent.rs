@@ -6,10 +6,10 @@ use super::raster::PlaneRaster;
 use crate::calibration::Calibration;
 use crate::frames::{Cam, Plane, Ray};
 use crate::image::Frame;
+use crate::stripe::colour_projection::{ColourProjection, measure_tints};
 use crate::stripe::peak::Estimator;
-use crate::stripe::tint::{Tint, measure_tints};
 use crate::stripe::trace::{
-    StripeLine, StripePoint, TraceSettings, Walk, measure_half_width_px, trace, trace_again,
+    ScanDirection, StripeLine, StripePoint, TraceSettings, measure_half_width_px, trace, trace_again,
 };
 use crate::units::{LaserId, Px};
 
@@ -175,14 +175,14 @@ pub(crate) fn crossing_lasers(id: LaserId) -> [LaserId; 2] {
 
 /// How well the stripes are seen before they are followed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Sight {
+pub(crate) enum StripeContrast {
     /// Some rows show them.
     Clear,
     /// They are known from sums over whole segments, to some px.
     Faint,
 }
 
-impl Sight {
+impl StripeContrast {
     /// Rows per profile to begin with, and at most.
     fn rows(self) -> [usize; 2] {
         match self {
@@ -206,9 +206,9 @@ pub(crate) struct InnerSegments {
     pub plane: Plane<Cam>,
     half_width_px: f64,
     rows: [usize; 4],
-    tints: [Tint; 4],
+    projections: [ColourProjection; 4],
     usual: [f64; 4],
-    sight: Sight,
+    contrast: StripeContrast,
 }
 
 /// Refines the plane of a hypothesis on the inner segments alone: whatever lies around the face cannot mislead them.
@@ -217,26 +217,26 @@ pub(crate) fn inner_segments(
     frame: &Frame,
     calibration: &Calibration,
     start: &Plane<Cam>,
-    sight: Sight,
+    contrast: StripeContrast,
 ) -> Option<InnerSegments> {
-    let [first_rows, most_rows] = sight.rows();
+    let [first_rows, most_rows] = contrast.rows();
     let mut inner = InnerSegments {
         plane: *start,
         half_width_px: FIRST_HALF_WIDTH_PX,
         rows: [first_rows; 4],
-        tints: [Tint::REDNESS; 4],
+        projections: [ColourProjection::LASER_RESPONSE; 4],
         usual: [0.0; 4],
-        sight,
+        contrast,
     };
-    for (round, search_px) in sight.search_px().into_iter().enumerate() {
+    for (round, search_px) in contrast.search_px().into_iter().enumerate() {
         let mut pieces = Vec::with_capacity(4);
         for id in LaserId::ALL {
             pieces.push(inner_segment(calibration, &inner.plane, id)?);
         }
         // Anew when the plane is nearly right; in between they would hardly change.
         if round != 1 {
-            inner.tints = measure_tints(frame, calibration, &pieces).try_into().ok()?;
-            inner.half_width_px = measure_half_width_px(frame, calibration, &pieces, &inner.tints)
+            inner.projections = measure_tints(frame, calibration, &pieces).try_into().ok()?;
+            inner.half_width_px = measure_half_width_px(frame, calibration, &pieces, &inner.projections)
                 .unwrap_or(inner.half_width_px);
         }
         let mut traces = Vec::with_capacity(4);
@@ -258,13 +258,13 @@ pub(crate) fn inner_segments(
 
 impl InnerSegments {
     fn settings(&self, id: LaserId, search_px: f64) -> TraceSettings {
-        let faint = self.sight == Sight::Faint;
+        let faint = self.contrast == StripeContrast::Faint;
         TraceSettings {
             rows: self.rows[id.index()],
             search_px,
             min_signal_to_noise: if faint { LEAST_FAINT_SNR } else { LEAST_SNR },
             half_width_px: self.half_width_px,
-            tint: self.tints[id.index()],
+            projection: self.projections[id.index()],
             estimator: Estimator::CentreOfGravity,
             smooth_px: if faint { SMOOTH_SHARE * self.half_width_px } else { 0.0 },
         }
@@ -291,8 +291,8 @@ pub(crate) fn follow_stripes(
         let seen = result.take();
         for id in LaserId::ALL {
             let limits = limits.map(|l| l[id.index()]);
-            let walk = |plane: &Plane<Cam>| StripeLine::new(calibration, id, plane).walk;
-            let seen = seen.as_ref().filter(|_| walk(&plane) == walk(&before));
+            let scan = |plane: &Plane<Cam>| StripeLine::new(calibration, id, plane).scan;
+            let seen = seen.as_ref().filter(|_| scan(&plane) == scan(&before));
             let seen = seen.map(|seen| &seen.stripes[id.index()]);
             let stripe = follow(frame, calibration, &plane, id, inner, pass, limits, seen)?;
             observations.extend(centres(
@@ -374,8 +374,8 @@ pub(crate) fn inner_segment(
     let line = StripeLine::new(calibration, id, plane);
     let [i, j] = crossing_lasers(id);
     let (a, b) = (crossing_px(calibration, plane, id, i)?, crossing_px(calibration, plane, id, j)?);
-    let (first, last) = if line.walk.along(a) <= line.walk.along(b) { (a, b) } else { (b, a) };
-    Some((line, line.walk.along(first)..line.walk.along(last), first))
+    let (first, last) = if line.scan.along(a) <= line.scan.along(b) { (a, b) } else { (b, a) };
+    Some((line, line.scan.along(first)..line.scan.along(last), first))
 }
 
 /// Rows per profile so that the median place reaches the wanted signal to noise.
@@ -409,14 +409,14 @@ fn follow(
     let settings = &known.settings(id, pass.search_px);
     let usual = known.usual[id.index()];
     let (line, inner, first) = inner_segment(calibration, plane, id)?;
-    let size = match line.walk {
-        Walk::Rows => frame.height_px(),
-        Walk::Columns => frame.width_px(),
+    let size = match line.scan {
+        ScanDirection::Rows => frame.height_px(),
+        ScanDirection::Columns => frame.width_px(),
     } as f64;
-    let other = line.walk.across(first);
+    let other = line.scan.across(first);
     let reach = pass.reach * (inner.end - inner.start);
     let mut range = (inner.start - reach).max(0.0)..(inner.end + reach).min(size);
-    if let Some([p, q]) = limits.map(|l| l.map(|px| line.walk.along(px))) {
+    if let Some([p, q]) = limits.map(|l| l.map(|px| line.scan.along(px))) {
         range = range.start.max(p.min(q))..range.end.min(p.max(q));
     }
     // Every pass has the same places.
@@ -473,7 +473,7 @@ fn follow(
             }
             None => (points[inside].along_px, true),
         };
-        let guess = line.walk.across(points[inside].predicted);
+        let guess = line.scan.across(points[inside].predicted);
         let px = line.px_at(calibration, at, guess).map_or(points[inside].predicted, |(px, _)| px);
         StripeEnd { at: px, uncertainty_px: spacing, runs_on }
     };

@@ -2,12 +2,12 @@
 //! Drawn at full size, since what counts is how many pixels add up. The figures in `rust/UNCERTAINTY.md` come from
 //! `cargo test --release -p boxline --lib -- --ignored --nocapture faint`.
 
-use super::extent::{Sight, crossing_px, inner_segments};
+use super::extent::{StripeContrast, crossing_px, inner_segments};
 use crate::calibration::Calibration;
 use crate::frames::{Cam, Plane};
 use crate::image::Frame;
 use crate::image::bands::band_maps;
-use crate::image::redness::{Diagonal, faint_ridge_map, half_redness};
+use crate::image::laser_response::{Diagonal, faint_ridge_map, half_laser_response};
 use crate::paper_head::paper_head;
 use crate::stripe::grid_search::{
     Evidence, GridHypothesis, IN_FAINT_RIDGES, IN_RIDGES, climb, diagonals, find_planes,
@@ -26,7 +26,7 @@ enum Ground {
     Print,
 }
 
-/// Noise of redness, grey levels.
+/// Noise of laser response, grey levels.
 const SIGMA: f64 = 12.0;
 /// Standard deviation of a stripe's profile, px.
 const WIDTH_PX: f64 = 2.8;
@@ -52,7 +52,7 @@ fn any_plane(noise: &mut Noise) -> Plane<Cam> {
     Plane::new(Vector3::new(tilt(noise), tilt(noise), 1.0) / depth_mm)
 }
 
-/// A frame with the four stripes of a plane, `snr` times the noise of redness high; none without a plane.
+/// A frame with the four stripes of a plane, `snr` times the noise of laser response high; none without a plane.
 fn draw(calibration: &Calibration, plane: Option<&Plane<Cam>>, snr: f64, ground: Ground, seed: u64) -> Frame {
     let [width, height] = [calibration.width_px() as usize, calibration.height_px() as usize];
     let noise = &mut Noise(seed.wrapping_mul(0x9E37_79B9).wrapping_add(7));
@@ -130,19 +130,19 @@ fn bars(noise: &mut Noise, width: usize, height: usize) -> Vec<Option<f64>> {
 }
 
 /// As the pipeline searches: in the narrow map, then in the wide one.
-fn planes_in(frame: &Frame, calibration: &Calibration, sight: Sight) -> Vec<GridHypothesis> {
+fn planes_in(frame: &Frame, calibration: &Calibration, contrast: StripeContrast) -> Vec<GridHypothesis> {
     let diagonals = diagonals(calibration);
-    let ridges = match sight {
-        Sight::Clear => band_maps(frame, diagonals),
-        Sight::Faint => {
-            let (width, height, redness) = half_redness(frame);
-            diagonals.map(|d: Diagonal| faint_ridge_map(width, height, &redness, d))
+    let ridges = match contrast {
+        StripeContrast::Clear => band_maps(frame, diagonals),
+        StripeContrast::Faint => {
+            let (width, height, laser_response) = half_laser_response(frame);
+            diagonals.map(|d: Diagonal| faint_ridge_map(width, height, &laser_response, d))
         }
     };
     let evidence = LaserId::ALL.map(|id| Evidence::ridge(&ridges[id.index() / 2]));
-    match sight {
-        Sight::Clear => find_planes(calibration, &evidence, IN_RIDGES, 4),
-        Sight::Faint => {
+    match contrast {
+        StripeContrast::Clear => find_planes(calibration, &evidence, IN_RIDGES, 4),
+        StripeContrast::Faint => {
             let planes = find_planes(calibration, &evidence, IN_FAINT_RIDGES, 4);
             planes.iter().map(|plane| climb(calibration, &evidence, plane)).collect()
         }
@@ -165,13 +165,14 @@ fn stripes_a_third_of_a_pixels_noise_high_are_found_and_nothing_in_noise() {
     let plane = any_plane(&mut Noise(3));
     for ground in [Ground::Noise, Ground::Bayer] {
         let frame = draw(&calibration, Some(&plane), 0.3, ground, 2);
-        let found = planes_in(&frame, &calibration, Sight::Faint);
-        let inner = inner_segments(&frame, &calibration, &found[0].plane, Sight::Faint).expect("followed");
+        let found = planes_in(&frame, &calibration, StripeContrast::Faint);
+        let inner =
+            inner_segments(&frame, &calibration, &found[0].plane, StripeContrast::Faint).expect("followed");
         let off_px = off_px(&calibration, &inner.plane, &plane);
         assert!(off_px < 6.0, "{ground:?}: {off_px} px off");
     }
     let frame = draw(&calibration, None, 0.0, Ground::Bayer, 2);
-    assert!(planes_in(&frame, &calibration, Sight::Faint).is_empty());
+    assert!(planes_in(&frame, &calibration, StripeContrast::Faint).is_empty());
 }
 
 #[test]
@@ -187,34 +188,35 @@ fn faint_stripes_table() {
                 let plane = any_plane(&mut Noise(seed + 1));
                 let drawn = Some(&plane).filter(|_| snr > 0.0);
                 let frame = draw(&calibration, drawn, snr, ground, seed);
-                for (k, sight) in [Sight::Clear, Sight::Faint].into_iter().enumerate() {
-                    let planes = planes_in(&frame, &calibration, sight);
+                for (k, contrast) in [StripeContrast::Clear, StripeContrast::Faint].into_iter().enumerate() {
+                    let planes = planes_in(&frame, &calibration, contrast);
                     any[k] += usize::from(!planes.is_empty());
                     best[k].push(planes.first().map_or(-1.0, |p| p.total()));
                     found[k] +=
                         usize::from(planes.iter().any(|p| off_px(&calibration, &p.plane, &plane) < 12.0));
-                    let inner =
-                        planes.iter().filter_map(|p| inner_segments(&frame, &calibration, &p.plane, sight));
+                    let inner = planes
+                        .iter()
+                        .filter_map(|p| inner_segments(&frame, &calibration, &p.plane, contrast));
                     if std::env::var("FAINT_MORE").is_ok() {
                         let offs: Vec<f64> =
                             planes.iter().map(|p| off_px(&calibration, &p.plane, &plane)).collect();
                         let inner: Vec<f64> = planes
                             .iter()
                             .map(|p| {
-                                inner_segments(&frame, &calibration, &p.plane, sight)
+                                inner_segments(&frame, &calibration, &p.plane, contrast)
                                     .map_or(-1.0, |i| off_px(&calibration, &i.plane, &plane))
                             })
                             .collect();
-                        println!("   {sight:?} {offs:.1?} -> {inner:.1?}");
+                        println!("   {contrast:?} {offs:.1?} -> {inner:.1?}");
                     }
                     let mut offs = inner.map(|i| off_px(&calibration, &i.plane, &plane));
                     refined[k] += usize::from(offs.any(|o| o < 3.0));
                 }
             }
-            for (k, sight) in [Sight::Clear, Sight::Faint].into_iter().enumerate() {
+            for (k, contrast) in [StripeContrast::Clear, StripeContrast::Faint].into_iter().enumerate() {
                 best[k].sort_by(f32::total_cmp);
                 println!(
-                    "{ground:?} snr {snr} {sight:?}: any plane in {} of {count}, the true one in {}, refined to 3 px in {}; \
+                    "{ground:?} snr {snr} {contrast:?}: any plane in {} of {count}, the true one in {}, refined to 3 px in {}; \
                      strongest {:.2?}",
                     any[k], found[k], refined[k], best[k]
                 );

@@ -84,7 +84,7 @@ fn in_image(calibration: &Calibration, px: Px, margin: f64) -> bool {
 
 /// One distance from which a face can be measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Reach {
+pub struct WorkingRange {
     /// Distance of the face's middle along the line of sight, mm.
     pub distance_mm: f64,
     /// Standard deviation of the length to expect there.
@@ -96,7 +96,7 @@ pub struct Reach {
 /// The distances from which a face of this size can be measured by a head that looks straight at it, rolled so that the
 /// stripes run along its sides; nearest first, 3 % apart. Empty if there is none.
 #[must_use]
-pub fn reaches(calibration: &Calibration, length_mm: f64, width_mm: f64) -> Vec<Reach> {
+pub fn working_ranges(calibration: &Calibration, length_mm: f64, width_mm: f64) -> Vec<WorkingRange> {
     let mut found = Vec::new();
     let mut distance_mm = DISTANCES_MM.0;
     while distance_mm <= DISTANCES_MM.1 {
@@ -104,7 +104,7 @@ pub fn reaches(calibration: &Calibration, length_mm: f64, width_mm: f64) -> Vec<
         if let Some(pose) = pose.filter(|pose| obstacles(calibration, pose, MARGIN).is_empty())
             && let Some([length, width]) = sigma::side_sigmas(calibration, &pose)
         {
-            found.push(Reach { distance_mm, length, width });
+            found.push(WorkingRange { distance_mm, length, width });
         }
         distance_mm *= STEP;
     }
@@ -173,7 +173,7 @@ mod tests {
     fn the_papers_head_reaches_what_physics_says() {
         let calibration = head();
         let range = |length: f64, width: f64| {
-            let all = reaches(&calibration, length, width);
+            let all = working_ranges(&calibration, length, width);
             all.first().zip(all.last()).map(|(near, far)| (near.distance_mm, far.distance_mm))
         };
         let (near, far) = range(1800.0, 900.0).expect("the largest box");

@@ -1,11 +1,11 @@
 //! The ridge maps in which stripes are looked for first, in one pass over the picture: a row of the map for each ten of the picture.
-//! A place is the sum over a strip along the diagonal, 2 x 10 px, as in [`super::redness::ridge_map`], but no pixel is in two of them.
+//! A place is the sum over a strip along the diagonal, 2 x 10 px, as in [`super::laser_response::ridge_map`], but no pixel is in two of them.
 //!
-//! Red light cannot make red brighter than its limit: on an orange face in good light a stripe has less redness than what lies beside it, and
+//! Red light cannot make red brighter than its limit: on an orange face in good light a stripe has less laser response than what lies beside it, and
 //! green and blue, which see a little of the laser, carry it. There the ridge of green and blue counts if it is the stronger one.
 
 use super::Frame;
-use super::redness::{ACROSS, ALONG, BLOCK, Diagonal, Gain, Layout, RidgeMap, compare};
+use super::laser_response::{ACROSS, ALONG, BLOCK, Diagonal, Gain, Layout, RidgeMap, compare};
 
 /// Rows of the map in a block in which the noise is estimated.
 const BANDS: usize = BLOCK / ALONG;
@@ -49,7 +49,7 @@ impl Block {
 
 /// One direction.
 struct Direction {
-    redness: Block,
+    laser_response: Block,
     /// Of green and blue.
     rest: Block,
     /// Places of a row where these count.
@@ -72,7 +72,7 @@ pub(crate) fn band_maps(frame: &Frame, diagonals: [Diagonal; 2]) -> [RidgeMap; 2
     let (mut sum, mut rest) = (vec![0i16; width], vec![0i16; width]);
     let mut steps = vec![0i8; width];
     let mut blocks = diagonals.map(|_| Direction {
-        redness: Block::new(width),
+        laser_response: Block::new(width),
         rest: Block::new(width),
         at_limit: vec![Vec::new(); BANDS],
     });
@@ -92,7 +92,7 @@ pub(crate) fn band_maps(frame: &Frame, diagonals: [Diagonal; 2]) -> [RidgeMap; 2
                     *sum = red.wrapping_sub(others) as i16;
                     *rest = others as i16;
                 }
-                block.redness.compare(&sum, row.clone());
+                block.laser_response.compare(&sum, row.clone());
                 // 2 R is what both add up to.
                 let limited = |(sum, rest): (&i16, &i16)| {
                     *sum >= COLOURED * PIXELS && sum.wrapping_add(*rest) >= 2 * LIMIT * PIXELS
@@ -108,11 +108,12 @@ pub(crate) fn band_maps(frame: &Frame, diagonals: [Diagonal; 2]) -> [RidgeMap; 2
         for (map, block) in maps.iter_mut().zip(&blocks) {
             for left in (0..width).step_by(BLOCK) {
                 let columns = left..(left + BLOCK).min(width);
-                let gain = block.redness.gain((0..bands).map(|band| band * width), &columns, &mut sample);
+                let gain =
+                    block.laser_response.gain((0..bands).map(|band| band * width), &columns, &mut sample);
                 for band in 0..bands {
                     let to = &mut map.z[(block_top + band) * width..][..width];
                     gain.steps(
-                        &block.redness.ridge[band * width..][columns.clone()],
+                        &block.laser_response.ridge[band * width..][columns.clone()],
                         &mut to[columns.clone()],
                     );
                 }
@@ -179,7 +180,7 @@ fn add_colours(sums: &mut [u16], frame: &Frame, band: usize, diagonal: Diagonal)
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::redness::{Z_STEPS, half_redness, ridge_map};
+    use crate::image::laser_response::{Z_STEPS, half_laser_response, ridge_map};
     use crate::noise::Noise;
     use crate::units::Px;
 
@@ -204,11 +205,11 @@ mod tests {
     #[test]
     fn a_band_is_the_ridge_map_at_its_middle_row() {
         let frame = picture(6.0, 20.0);
-        let (width, height, redness) = half_redness(&frame);
+        let (width, height, laser_response) = half_laser_response(&frame);
         let diagonals = [Diagonal::Down, Diagonal::Up];
         let bands = band_maps(&frame, diagonals);
         for (diagonal, bands) in diagonals.into_iter().zip(&bands) {
-            let full = ridge_map(width, height, &redness, diagonal);
+            let full = ridge_map(width, height, &laser_response, diagonal);
             let (mut off, mut strong) = (0.0, 0);
             for band in 0..bands.height {
                 for x in 0..width {
@@ -224,7 +225,7 @@ mod tests {
         }
     }
 
-    /// A stripe on orange board in good light: red is at its limit, so that there is less redness in the stripe than beside it.
+    /// A stripe on orange board in good light: red is at its limit, so that there is less laser response in the stripe than beside it.
     #[test]
     fn a_stripe_on_orange_is_a_ridge_and_a_white_line_on_brown_is_none() {
         let strength = |board: [u8; 3], line: [u8; 3]| {

@@ -7,16 +7,16 @@ use crate::confidence;
 use crate::edges::{EdgeDetector, hough::HoughDetector, subpixel::GradientDetector};
 use crate::error::{Error, ErrorKind};
 use crate::face::end_outline::{cut_by_border, end_outline, ends_seen, limits};
-use crate::face::extent::{FaceStripes, InnerSegments, Sight, follow_stripes, inner_segments};
+use crate::face::extent::{FaceStripes, InnerSegments, StripeContrast, follow_stripes, inner_segments};
 use crate::face::map_outline::{MapOutline, map_outline, mask_at_border};
 use crate::face::outline::RoughRectangle;
 use crate::feasibility::{self, Hint};
 use crate::hypotheses::{FaceHypotheses, FaceHypothesis, MeasuredOutline, weighed};
 use crate::image::Frame;
 use crate::image::bands::band_maps;
-use crate::image::redness::{Diagonal, RidgeMap, faint_ridge_map, half_redness};
+use crate::image::laser_response::{Diagonal, RidgeMap, faint_ridge_map, half_laser_response};
 use crate::measurement::{EdgeMethod, FaceMeasurement, FaceOutcome, Method, Settings, StageTimes};
-use crate::network::{Asked, Channel, EdgeMap, EdgeMapNetwork, FaceMaps, Network};
+use crate::network::{Channel, EdgeMap, EdgeMapNetwork, FaceMaps, Network, NetworkOutput};
 use crate::rectangle;
 use crate::rectangle::hough_outline::hough_outline;
 use crate::rectangle::outlines::{OutlineHypothesis, Pair, outlines};
@@ -81,17 +81,17 @@ pub(super) fn see_face(
     }
     check_cancelled(settings)?;
     let mut progress = Progress::new();
-    let asked = asked_network(settings).map(|network| Asked::new(network, frame)).transpose()?;
+    let network = chosen_network(settings).map(|network| NetworkOutput::new(network, frame)).transpose()?;
     let edge_map = paper_network(settings).map(|network| network.edge_map(frame)).transpose()?;
     progress.lap("network");
     check_cancelled(settings)?;
-    let task = Task { frame, calibration, settings, asked: asked.as_ref(), edge_map: edge_map.as_ref() };
-    if let Some(asked) = &asked {
-        task.tracer().network(&asked.maps);
+    let task = Task { frame, calibration, settings, network: network.as_ref(), edge_map: edge_map.as_ref() };
+    if let Some(network) = &network {
+        task.tracer().network(&network.maps);
     }
     let seen = face_stages(&task, &mut progress);
     check_cancelled(settings)?; // what was cut short is no result
-    asked.map_or(Ok(()), Asked::finish)?;
+    network.map_or(Ok(()), NetworkOutput::finish)?;
     let seen = seen.map(|mut seen| {
         for hypothesis in &mut seen.faces {
             if let Ok(face) = &hypothesis.face
@@ -118,7 +118,7 @@ fn check_cancelled(settings: &Settings) -> Result<(), Error> {
 }
 
 /// The network, if this way of finding edges asks one.
-fn asked_network<'a>(settings: &Settings<'a>) -> Option<&'a dyn Network> {
+fn chosen_network<'a>(settings: &Settings<'a>) -> Option<&'a dyn Network> {
     settings.network.filter(|_| settings.edges != EdgeMethod::Gradient && paper_network(settings).is_none())
 }
 
@@ -133,7 +133,7 @@ struct Task<'a> {
     frame: &'a Frame,
     calibration: &'a Calibration,
     settings: &'a Settings<'a>,
-    asked: Option<&'a Asked<'a>>,
+    network: Option<&'a NetworkOutput<'a>>,
     /// The paper's map.
     edge_map: Option<&'a EdgeMap>,
 }
@@ -145,8 +145,8 @@ impl Task<'_> {
 }
 
 fn face_stages(task: &Task, progress: &mut Progress) -> Result<FaceHypotheses, Reject> {
-    let Task { frame, calibration, asked, .. } = *task;
-    let maps = asked.map(|asked| &asked.maps);
+    let Task { frame, calibration, network, .. } = *task;
+    let maps = network.map(|network| &network.maps);
     let diagonals = grid_search::diagonals(calibration);
     let ridges = band_maps(frame, diagonals);
     progress.lap("ridge");
@@ -154,7 +154,7 @@ fn face_stages(task: &Task, progress: &mut Progress) -> Result<FaceHypotheses, R
         grid_search::find_planes(calibration, &evidence(&ridges, maps), grid_search::IN_RIDGES, PLANES);
     progress.lap("grid");
     task.tracer().planes(&ridges, &planes);
-    let refusal = match measure_on_planes(task, &planes, Sight::Clear, progress) {
+    let refusal = match measure_on_planes(task, &planes, StripeContrast::Clear, progress) {
         Ok(seen) => return Ok(seen),
         // Whether a stripe is dark or misses the face is told by the other three.
         Err(Some(reject)) if !matches!(reject, Reject::NoBox { .. } | Reject::StripeNotFound { .. }) => {
@@ -168,15 +168,15 @@ fn face_stages(task: &Task, progress: &mut Progress) -> Result<FaceHypotheses, R
         return Err(Reject::StripeMissing { laser, stripes_on_face: 3 });
     }
     let seen = progress.pose.take();
-    let (width, height, redness) = half_redness(frame);
-    let faint = diagonals.map(|d: Diagonal| faint_ridge_map(width, height, &redness, d));
+    let (width, height, laser_response) = half_laser_response(frame);
+    let faint = diagonals.map(|d: Diagonal| faint_ridge_map(width, height, &laser_response, d));
     let evidence = evidence(&faint, maps);
     let planes = grid_search::find_planes(calibration, &evidence, grid_search::IN_FAINT_RIDGES, PLANES);
     let planes: Vec<GridHypothesis> =
         planes.iter().map(|plane| grid_search::climb(calibration, &evidence, plane)).collect();
     progress.lap("faint");
     task.tracer().planes(&faint, &planes);
-    measure_on_planes(task, &planes, Sight::Faint, progress).map_err(|faint| {
+    measure_on_planes(task, &planes, StripeContrast::Faint, progress).map_err(|faint| {
         progress.pose = progress.pose.take().or(seen);
         faint.or(refusal).unwrap_or_else(|| no_box(0.0))
     })
@@ -195,14 +195,14 @@ fn evidence<'a>(ridges: &'a [RidgeMap; 2], maps: Option<&FaceMaps>) -> [Evidence
 fn measure_on_planes(
     task: &Task,
     planes: &[GridHypothesis],
-    sight: Sight,
+    contrast: StripeContrast,
     progress: &mut Progress,
 ) -> Result<FaceHypotheses, Option<Reject>> {
     let mut refusal: Option<(f32, Reject)> = None;
     let mut pose = None;
     for hypothesis in planes.iter().take_while(|_| !is_cancelled(task.settings)) {
         progress.pose = None;
-        match measure_on_plane(task, hypothesis, sight, progress) {
+        match measure_on_plane(task, hypothesis, contrast, progress) {
             Ok(seen) => return Ok(seen),
             Err(reject) => {
                 if refusal.as_ref().is_none_or(|(total, _)| hypothesis.total() > *total) {
@@ -219,11 +219,11 @@ fn measure_on_planes(
 fn measure_on_plane(
     task: &Task,
     hypothesis: &GridHypothesis,
-    sight: Sight,
+    contrast: StripeContrast,
     progress: &mut Progress,
 ) -> Result<FaceHypotheses, Reject> {
     let Task { frame, calibration, .. } = *task;
-    let inner = inner_segments(frame, calibration, &hypothesis.plane, sight);
+    let inner = inner_segments(frame, calibration, &hypothesis.plane, contrast);
     progress.lap("stripes");
     let inner = inner.ok_or_else(|| no_box(0.0))?;
     let wide = follow_stripes(frame, calibration, &inner, None);
@@ -268,13 +268,13 @@ fn measure_outlines(
     wide: Option<&FaceStripes>,
     progress: &mut Progress,
 ) -> Result<FaceHypotheses, Reject> {
-    let Task { frame, calibration, asked, .. } = *task;
+    let Task { frame, calibration, network, .. } = *task;
     let (outline, overlap) = first_outline(task, inner, wide, progress)?;
     let wide = wide.ok_or_else(|| no_box(0.0))?;
-    let seen = asked.and_then(|asked| seen_in_plane(calibration, wide, &outline, asked));
+    let seen = network.and_then(|network| seen_in_plane(calibration, wide, &outline, network));
     progress.lap("sides");
     let lit = LitLines::of(frame, calibration, wide);
-    let outlines = outlines(frame, calibration, wide, &outline, asked, seen.as_ref(), &lit)
+    let outlines = outlines(frame, calibration, wide, &outline, network, seen.as_ref(), &lit)
         .ok_or_else(|| no_box(0.0))?;
     progress.lap("outline");
     task.tracer().outlines(&outlines);
@@ -317,8 +317,8 @@ fn first_outline(
     wide: Option<&FaceStripes>,
     progress: &mut Progress,
 ) -> Result<(RoughRectangle, f64), Reject> {
-    let Task { frame, calibration, asked, .. } = *task;
-    let Some(Asked { maps, .. }) = asked else {
+    let Task { frame, calibration, network, .. } = *task;
+    let Some(NetworkOutput { maps, .. }) = network else {
         let wide = wide.ok_or_else(|| no_box(0.0))?;
         check_stripes(wide, false)?;
         let outline = end_outline(frame, calibration, wide);
@@ -342,10 +342,10 @@ fn seen_in_plane(
     calibration: &Calibration,
     wide: &FaceStripes,
     outline: &RoughRectangle,
-    asked: &Asked<'_>,
+    network: &NetworkOutput<'_>,
 ) -> Option<(ViewAxes, SideOdds)> {
     let axes = ViewAxes::of(calibration, outline.raster.on(&wide.fit.plane))?;
-    let odds = asked.sides(&axes.view(&asked.small(), calibration))?;
+    let odds = network.sides(&axes.view(&network.small(), calibration))?;
     Some((axes, odds))
 }
 
@@ -379,9 +379,11 @@ fn measure_rough(
     rough: &RoughRectangle,
     progress: &mut Progress,
 ) -> Result<FaceMeasurement, Reject> {
-    let Task { frame, calibration, settings, asked, edge_map, .. } = *task;
+    let Task { frame, calibration, settings, network, edge_map, .. } = *task;
     let hough = HoughDetector {
-        map: edge_map.map(EdgeMap::view).or_else(|| asked.map(|asked| asked.maps.view(Channel::FaceEdge))),
+        map: edge_map
+            .map(EdgeMap::view)
+            .or_else(|| network.map(|network| network.maps.view(Channel::FaceEdge))),
         stripes_on: edge_map.map(|_| &face.fit.plane),
     };
     let detector: &dyn EdgeDetector = match settings.edges {
@@ -402,7 +404,7 @@ const LEAST_OVERLAP: f32 = 0.5;
 
 /// The refusal of a face whose outline is not clear.
 fn unclear(task: &Task, probability: f64, overlap: f64) -> Reject {
-    match task.asked.and_then(|asked| mask_at_border(&asked.maps)) {
+    match task.network.and_then(|network| mask_at_border(&network.maps)) {
         Some((sides_cut, at)) => Reject::FaceCutByBorder { sides_cut, at },
         None => unsure(probability, task.settings, overlap),
     }

@@ -4,7 +4,7 @@ use crate::calibration::Calibration;
 use crate::face::extent::{FaceStripes, crossing_lasers, crossing_px};
 use crate::face::outline::{RoughRectangle, SIDES, span_mm};
 use crate::image::Frame;
-use crate::image::redness::RidgeMap;
+use crate::image::laser_response::RidgeMap;
 use crate::network::FaceMaps;
 use crate::rectangle::corner_points;
 use crate::rectangle::outlines::OutlineHypothesis;

@@ -10,7 +10,7 @@ use crate::face::extent::FaceStripes;
 use crate::face::outline::{Across, RoughRectangle, SIDES, outward_sign, span_mm};
 use crate::face::raster::PlaneRaster;
 use crate::image::Frame;
-use crate::network::{Asked, Channel, StripeLight};
+use crate::network::{Channel, NetworkOutput, StripeLight};
 use crate::scene::lit::LitLines;
 use crate::sides::ViewAxes;
 use crate::view::SideOdds;
@@ -107,7 +107,7 @@ pub(crate) struct Evidence<'a> {
     pub raster: &'a PlaneRaster,
     pub outline: &'a RoughRectangle,
     /// A network, if there is one.
-    pub asked: Option<&'a Asked<'a>>,
+    pub network: Option<&'a NetworkOutput<'a>>,
     /// Stripes, followed as far as they go.
     pub wide: &'a FaceStripes,
     /// What the network of sides says, if there is one.
@@ -244,7 +244,7 @@ impl Evidence<'_> {
         let stripes = self.stripe_sums(side);
         let known: Vec<Clues> =
             found.iter().map(|e| self.without_corners(side, offsets_mm, &stripes, e)).collect();
-        let weights = if self.asked.is_some() { &TOLD } else { &TOLD_ALONE };
+        let weights = if self.network.is_some() { &TOLD } else { &TOLD_ALONE };
         let best = known.iter().map(|clues| clues.log_odds(weights)).fold(f64::NEG_INFINITY, f64::max);
         let likely = found.iter().zip(&known).filter(|(_, clues)| clues.log_odds(weights) > best - HOPELESS);
         let lines = likely.map(|(e, known)| {
@@ -253,7 +253,7 @@ impl Evidence<'_> {
             let clues = Clues { corners_stop: stop, corners_seen: seen, ..*known };
             let bin = self.seen.map(|(axes, _)| axes.bin(side, e.offset_mm));
             let mut told = clues.log_odds(weights);
-            if let Some(asked) = self.asked {
+            if let Some(network) = self.network {
                 let place = Place {
                     side,
                     light: stripes_light,
@@ -265,11 +265,11 @@ impl Evidence<'_> {
                     log_odds: told as f32,
                     bin,
                 };
-                told = asked.line_log_odds(&strip(
+                told = network.line_log_odds(&strip(
                     self.frame,
                     self.calibration,
                     self.raster,
-                    &asked.maps,
+                    &network.maps,
                     &place,
                 )?);
             }
@@ -319,8 +319,8 @@ impl Evidence<'_> {
         let (px, offset, out_mm) =
             (self.outline.mm_per_px, edge.offset_mm, outward_sign(side) * edge.offset_mm);
         let flag = |told: bool| f64::from(u8::from(told));
-        let network = self.asked.map_or(0.0, |asked| {
-            self.map_along(asked, across, offset, span_mm(offsets_mm, side)).min(NETWORK_MOST)
+        let network = self.network.map_or(0.0, |network| {
+            self.map_along(network, across, offset, span_mm(offsets_mm, side)).min(NETWORK_MOST)
         });
         let ends = stripe_ends::find(
             self.frame,
@@ -353,14 +353,14 @@ impl Evidence<'_> {
     }
 
     /// Mean probability of the face's edge in the maps along a line, the best within a pixel of the map.
-    fn map_along(&self, asked: &Asked, across: Across, offset: f64, span: (f64, f64)) -> f32 {
+    fn map_along(&self, network: &NetworkOutput, across: Across, offset: f64, span: (f64, f64)) -> f32 {
         const SAMPLES: u32 = 48;
-        let unit = asked.maps.px_per_raster_px() * self.outline.mm_per_px;
+        let unit = network.maps.px_per_raster_px() * self.outline.mm_per_px;
         let mean = |offset: f64| {
             let value = |n: u32| {
                 let along = span.0 + (span.1 - span.0) * (f64::from(n) + 0.5) / f64::from(SAMPLES);
                 let px = self.raster.pixel(self.calibration, across.at(offset, along));
-                px.map_or(0.0, |px| asked.maps.at(Channel::FaceEdge, px))
+                px.map_or(0.0, |px| network.maps.at(Channel::FaceEdge, px))
             };
             (0..SAMPLES).map(value).sum::<f32>() / SAMPLES as f32
         };
@@ -424,7 +424,7 @@ impl Evidence<'_> {
             };
             inside += 0.5 * seen(-WINDOW_PX.1, -WINDOW_PX.0);
             beyond += 0.5 * seen(WINDOW_PX.0, WINDOW_PX.1);
-            let Some(maps) = self.asked.map(|asked| &asked.maps) else { continue };
+            let Some(maps) = self.network.map(|network| &network.maps) else { continue };
             let unit = maps.px_per_raster_px() * px;
             let mut best = 0f32;
             for (i, j) in (-1..=1).flat_map(|i| (-1..=1).map(move |j| (i, j))) {

@@ -96,7 +96,7 @@ pub(super) fn strip(
             let laser = LaserId::ALL.map(|id| told(Channel::Laser(id))).into_iter().fold(0.0, f32::max);
             let row = ROWS_PX.len() + 2 * i;
             put(row, column, [Channel::FaceEdge, Channel::OtherEdge, Channel::FaceMask].map(told));
-            put(row + 1, column, [told(Channel::Corner), told(Channel::Spill), laser]);
+            put(row + 1, column, [told(Channel::Corner), told(Channel::StrayLight), laser]);
         }
         put(STRIP[1] - 1, column, facts);
     }

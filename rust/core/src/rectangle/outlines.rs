@@ -7,7 +7,7 @@ use crate::confidence::RIGHT_MM;
 use crate::face::extent::FaceStripes;
 use crate::face::outline::{RoughRectangle, WeightedLine};
 use crate::image::Frame;
-use crate::network::Asked;
+use crate::network::NetworkOutput;
 use crate::scene::lit::LitLines;
 use crate::sides::ViewAxes;
 use crate::view::SideOdds;
@@ -60,13 +60,14 @@ pub(crate) fn outlines(
     calibration: &Calibration,
     wide: &FaceStripes,
     outline: &RoughRectangle,
-    asked: Option<&Asked<'_>>,
+    network: Option<&NetworkOutput<'_>>,
     seen: Option<&(ViewAxes, SideOdds)>,
     lit: &LitLines,
 ) -> Option<Vec<OutlineHypothesis>> {
     let raster = outline.raster.on(&wide.fit.plane);
-    let evidence = Evidence { frame, calibration, raster: &raster, outline, asked, wide, seen, lit };
-    let lines = if asked.is_some() { evidence.of_sides(&outline.offsets_mm)? } else { evidence.settled()? };
+    let evidence = Evidence { frame, calibration, raster: &raster, outline, network, wide, seen, lit };
+    let lines =
+        if network.is_some() { evidence.of_sides(&outline.offsets_mm)? } else { evidence.settled()? };
     let mut sides = Vec::with_capacity(4);
     let mut weighted: [Vec<WeightedLine>; 4] = Default::default();
     for (lines, weighted) in lines.into_iter().zip(&mut weighted) {

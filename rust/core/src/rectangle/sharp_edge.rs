@@ -15,9 +15,9 @@ use crate::face::extent::FaceStripes;
 use crate::face::outline::{SIDES, span_mm};
 use crate::frames::Plane;
 use crate::image::Frame;
+use crate::stripe::colour_projection::ColourProjection;
 use crate::stripe::peak::Estimator;
-use crate::stripe::tint::Tint;
-use crate::stripe::trace::{StripeLine, TraceSettings, Walk, trace};
+use crate::stripe::trace::{ScanDirection, StripeLine, TraceSettings, trace};
 use crate::units::{LaserId, Px};
 use nalgebra::{Matrix2, Vector2, Vector3};
 
@@ -257,9 +257,9 @@ fn collect(
     let along = super::key_points::along_side_mm(calibration, fit, id, side)?;
     let end = fit.raster.pixel(calibration, across.at(fit.offsets_mm[side], along))?;
     let line = StripeLine::new(calibration, id, neighbour);
-    let place = |p: Px| match line.walk {
-        Walk::Rows => p.v,
-        Walk::Columns => p.u,
+    let place = |p: Px| match line.scan {
+        ScanDirection::Rows => p.v,
+        ScanDirection::Columns => p.u,
     };
     // Outwards is where a point a little behind the face, on the neighbouring surface, appears.
     let laser = calibration.laser(id);
@@ -276,13 +276,13 @@ fn collect(
         return None;
     }
     let range = if to > from { from..from + FOLLOW_PX } else { from - FOLLOW_PX..from };
-    let start = line.px_at(calibration, range.start.max(0.0), line.walk.across(end))?.0;
+    let start = line.px_at(calibration, range.start.max(0.0), line.scan.across(end))?.0;
     let settings = TraceSettings {
         rows: 4,
         search_px: 8.0,
         min_signal_to_noise: 4.0,
         half_width_px: face.half_width_px,
-        tint: Tint::REDNESS,
+        projection: ColourProjection::LASER_RESPONSE,
         estimator: Estimator::CentreOfGravity,
         smooth_px: 0.0,
     };
@@ -297,9 +297,9 @@ fn collect(
         if !(DEPTH_MM.0..DEPTH_MM.1).contains(&depth_mm) {
             continue;
         }
-        let moved = match line.walk {
-            Walk::Rows => Px::new(found.at.u + 1.0, found.at.v),
-            Walk::Columns => Px::new(found.at.u, found.at.v + 1.0),
+        let moved = match line.scan {
+            ScanDirection::Rows => Px::new(found.at.u + 1.0, found.at.v),
+            ScanDirection::Columns => Px::new(found.at.u, found.at.v + 1.0),
         };
         let per_px = (coordinate(moved)?.0 - outwards_mm).abs();
         let sigma_mm = per_px * found.sigma_px.hypot(TEXTURE_PX);

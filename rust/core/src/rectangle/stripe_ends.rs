@@ -4,7 +4,7 @@
 //! place it better than shading does.
 
 use crate::calibration::Calibration;
-use crate::edges::redness;
+use crate::edges::laser_response;
 use crate::face::extent::crossing_on_px;
 use crate::face::outline::{SIDES, outward_sign};
 use crate::face::raster::PlaneRaster;
@@ -62,7 +62,9 @@ pub(crate) fn find(
         .0
         .stripes()
         .into_iter()
-        .filter_map(|id| end_px(&Walk::new(frame, calibration, raster, offset_mm, side, id, half_width_px)?))
+        .filter_map(|id| {
+            end_px(&ScanDirection::new(frame, calibration, raster, offset_mm, side, id, half_width_px)?)
+        })
         .collect();
     let mm_per_px = ends.iter().map(|e| e.1).sum::<f64>() / ends.len() as f64;
     let (px, sigma_px, agree) = match ends[..] {
@@ -79,8 +81,8 @@ pub(crate) fn find(
 }
 
 /// The end of one stripe, px outwards from the line along the stripe, and mm across the side for each of these px.
-fn end_px(walk: &Walk) -> Option<(f64, f64)> {
-    let light: Vec<f64> = walk.rows.iter().map(|row| walk.height(row)).collect();
+fn end_px(scan: &ScanDirection) -> Option<(f64, f64)> {
+    let light: Vec<f64> = scan.rows.iter().map(|row| scan.height(row)).collect();
     let (at, inside, beyond, noise) = step(&light)?;
     if inside - beyond <= LEAST_STEP * noise.max(LEAST_NOISE) || beyond >= MOST_LEFT * inside {
         return None;
@@ -90,15 +92,15 @@ fn end_px(walk: &Walk) -> Option<(f64, f64)> {
         // On the face's own plane it goes straight on; on the floor or a neighbouring face it bends away.
         let end = at as usize;
         let from = LINE + (end - LINE) / 3;
-        if (walk.place(&walk.rows[from..end]) - walk.place(&walk.rows[..LINE])).abs() > BENT_PX {
+        if (scan.place(&scan.rows[from..end]) - scan.place(&scan.rows[..LINE])).abs() > BENT_PX {
             return None;
         }
     }
-    Some((end_px, walk.mm_per_px))
+    Some((end_px, scan.mm_per_px))
 }
 
-/// Redness along the line that a stripe would take on the face's plane, from inside a side to beyond it.
-struct Walk {
+/// Laser response along the line that a stripe would take on the face's plane, from inside a side to beyond it.
+struct ScanDirection {
     /// Across the line, one row for each px along it; the side is at [`LINE`].
     rows: Vec<Vec<f64>>,
     /// Half widths of the bright middle and of all that is the stripe's, px.
@@ -108,7 +110,7 @@ struct Walk {
     mm_per_px: f64,
 }
 
-impl Walk {
+impl ScanDirection {
     fn new(
         frame: &Frame,
         calibration: &Calibration,
@@ -134,9 +136,9 @@ impl Walk {
             let length = p.distance_px(*q).max(1e-9);
             let (du, dv) = ((p.v - q.v) / length, (q.u - p.u) / length);
             let (u, v) = (0.5 * (p.u + q.u), 0.5 * (p.v + q.v));
-            let redness =
-                |k: i32| redness(frame, u + du * f64::from(k), v + dv * f64::from(k)).map(f64::from);
-            (-reach..=reach).map(redness).collect::<Option<Vec<f64>>>()
+            let laser_response =
+                |k: i32| laser_response(frame, u + du * f64::from(k), v + dv * f64::from(k)).map(f64::from);
+            (-reach..=reach).map(laser_response).collect::<Option<Vec<f64>>>()
         };
         let rows = places.windows(2).map(row).collect::<Option<_>>()?;
         Some(Self { rows, middle, beside, mm_per_px })

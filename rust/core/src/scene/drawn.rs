@@ -25,13 +25,13 @@ pub(super) fn face() -> (Calibration, PlaneRaster) {
 }
 
 /// What a pixel sees: the surface that the lasers light, if there is one, and how bright its paint is.
-pub(super) struct Seen {
+pub(super) struct Surface {
     pub on: Option<Plane<Cam>>,
     pub paint: f64,
 }
 
 /// A picture; each pixel is told where it sees the face's plane.
-pub(super) fn drawn(seen: impl Fn(OnPlane) -> Seen) -> Frame {
+pub(super) fn drawn(seen: impl Fn(OnPlane) -> Surface) -> Frame {
     let (calibration, raster) = face();
     let [width, height] = [calibration.width_px() as usize, calibration.height_px() as usize];
     let mut rgb = vec![0u8; 3 * width * height];
@@ -41,7 +41,7 @@ pub(super) fn drawn(seen: impl Fn(OnPlane) -> Seen) -> Frame {
         let (u, v) = (n % width, n / width);
         let (ray, jacobian) = calibration.camera().ray_from_px_with_jacobian(Px::new(u as f64, v as f64));
         let Some(on_face) = raster.of_ray(&ray) else { continue };
-        let Seen { on, paint } = seen(on_face);
+        let Surface { on, paint } = seen(on_face);
         let mut laser_light = 0.0;
         for laser in calibration.lasers().iter().filter(|_| on.is_some()) {
             let line = on.map_or_else(Vector3::zeros, |on| on.per_mm) - laser.per_mm;

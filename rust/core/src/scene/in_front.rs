@@ -13,7 +13,7 @@ use crate::face::outline::{SIDES, outward_sign};
 use crate::face::raster::PlaneRaster;
 use crate::frames::{Plane, Point};
 use crate::image::Frame;
-use crate::stripe::trace::{StripeLine, Walk};
+use crate::stripe::trace::{ScanDirection, StripeLine};
 use crate::units::{LaserId, Px};
 
 /// Light is looked for from so far inside a side's line to so far beyond it, rows (or columns) along the stripe ...
@@ -89,7 +89,7 @@ impl SideLine<'_> {
 struct Strip<'a> {
     line: &'a SideLine<'a>,
     id: LaserId,
-    walk: Walk,
+    scan: ScanDirection,
     /// Row (or column) of each step from inside the side's line to beyond it, and where the stripe is in it.
     places: Vec<(i32, i32)>,
     /// Nearer surfaces show the stripe at columns that grow (1) or fall (-1).
@@ -119,26 +119,26 @@ impl<'a> Strip<'a> {
         let at = |offset_mm: f64| crossing_on_px(calibration, raster, SIDES[side].0, offset_mm, id);
         let (start, beyond) = (at(offset_mm)?, at(offset_mm + outward_sign(side))?);
         let stripe = StripeLine::new(calibration, id, &raster.plane);
-        let walk = stripe.walk;
-        let outwards = if walk.along(beyond) > walk.along(start) { 1 } else { -1 };
-        let first = walk.along(start).round();
-        let on_face = stripe.place_at(calibration, first, walk.across(start))?;
+        let scan = stripe.scan;
+        let outwards = if scan.along(beyond) > scan.along(start) { 1 } else { -1 };
+        let first = scan.along(start).round();
+        let on_face = stripe.place_at(calibration, first, scan.across(start))?;
         let (normal, distance_mm) = raster.plane.normal_and_distance_mm();
         let nearer = StripeLine::new(calibration, id, &Plane::new(normal / (0.95 * distance_mm)));
-        let nearer = nearer.place_at(calibration, first, walk.across(start))?;
+        let nearer = nearer.place_at(calibration, first, scan.across(start))?;
         let factor = on_face.factor.clamp(0.3, 1.0);
         let width = |(share, low, high): (f64, f64, f64)| {
             (share * half_width_px / factor).clamp(low, high).round() as i32
         };
-        let mut guess = walk.across(on_face.px);
+        let mut guess = scan.across(on_face.px);
         let mut places = Vec::with_capacity((INSIDE + BEYOND + 1) as usize);
         for step in -INSIDE..=BEYOND {
             let row = first as i32 + outwards * step;
-            guess = walk.across(stripe.place_at(calibration, f64::from(row), guess)?.px);
+            guess = scan.across(stripe.place_at(calibration, f64::from(row), guess)?.px);
             places.push((row, guess.round() as i32));
         }
-        let nearer = if walk.across(nearer.px) > walk.across(on_face.px) { 1 } else { -1 };
-        Some(Self { line, id, walk, places, nearer, middle: width(MIDDLE), beside: width(BESIDE), factor })
+        let nearer = if scan.across(nearer.px) > scan.across(on_face.px) { 1 } else { -1 };
+        Some(Self { line, id, scan, places, nearer, middle: width(MIDDLE), beside: width(BESIDE), factor })
     }
 
     /// Nearest displacement at which light is not the stripe on the face itself.
@@ -150,12 +150,12 @@ impl<'a> Strip<'a> {
     fn light(&self, (row, centre): (i32, i32)) -> Vec<f32> {
         let frame = self.line.frame;
         let size = [frame.width_px() as i32, frame.height_px() as i32];
-        let [rows, columns] = if self.walk == Walk::Rows { [size[1], size[0]] } else { size };
+        let [rows, columns] = if self.scan == ScanDirection::Rows { [size[1], size[0]] } else { size };
         if row < 0 || row >= rows {
             return Vec::new();
         }
         let red = |column: i32| {
-            let (u, v) = if self.walk == Walk::Rows { (column, row) } else { (row, column) };
+            let (u, v) = if self.scan == ScanDirection::Rows { (column, row) } else { (row, column) };
             let at = 3 * (v as usize * size[0] as usize + u as usize);
             red_light(frame, at)[0]
         };
@@ -240,7 +240,7 @@ impl<'a> Strip<'a> {
         }
         let (row, centre) = *self.places.get((piece.first + INSIDE) as usize)?;
         let (row, column) = (f64::from(row), f64::from(centre) + f64::from(self.nearer) * jump);
-        let at = if self.walk == Walk::Rows { Px::new(column, row) } else { Px::new(row, column) };
+        let at = if self.scan == ScanDirection::Rows { Px::new(column, row) } else { Px::new(row, column) };
         let edge = calibration.laser(self.id).intersect(&calibration.camera().ray_from_px(at))?;
         let (normal, distance_mm) = raster.plane.normal_and_distance_mm();
         let height_mm = distance_mm - normal.dot(&edge.mm);
@@ -260,7 +260,7 @@ fn row_says(light: f32) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::drawn::{DISTANCE_MM, Seen, drawn, face};
+    use super::super::drawn::{DISTANCE_MM, Surface, drawn, face};
     use super::*;
     use crate::frames::{Cam, Plane};
     use nalgebra::Vector3;
@@ -273,7 +273,7 @@ mod tests {
         let (_, raster) = face();
         drawn(|on_face| {
             let on = if SIDES[SIDE].0.offset(on_face) < edge_mm { Some(raster.plane) } else { surface };
-            Seen { on, paint: 1.0 }
+            Surface { on, paint: 1.0 }
         })
     }
 

@@ -16,7 +16,7 @@ use crate::frames::{Cam, Plane, Point};
 use crate::image::Frame;
 use crate::measurement::{FaceMeasurement, SideLight};
 use crate::network::StripeLight;
-use crate::stripe::trace::Walk;
+use crate::stripe::trace::ScanDirection;
 use crate::units::{LaserId, Px};
 
 /// Half width of a stripe's middle, and where its surroundings begin: half widths of its foot, bounds in px.
@@ -154,7 +154,7 @@ struct Row {
 
 /// A stripe's line over the frame.
 struct LitLine {
-    walk: Walk,
+    scan: ScanDirection,
     /// Running sums of what rows say, from row 0 on: the logarithm of how much likelier they are if the light is on the plane.
     sums: Vec<f32>,
     /// Length of the line in a row, px.
@@ -171,13 +171,13 @@ impl LitLine {
         half_width_px: f64,
     ) -> Option<Self> {
         let (line, inner, crossing) = inner_segment(calibration, plane, id)?;
-        let walk = line.walk;
-        let [rows, columns] = match walk {
-            Walk::Rows => [frame.height_px(), frame.width_px()],
-            Walk::Columns => [frame.width_px(), frame.height_px()],
+        let scan = line.scan;
+        let [rows, columns] = match scan {
+            ScanDirection::Rows => [frame.height_px(), frame.width_px()],
+            ScanDirection::Columns => [frame.width_px(), frame.height_px()],
         };
         let middle_row = (0.5 * (inner.start + inner.end)).round().clamp(0.0, rows as f64 - 1.0);
-        let start = line.place_at(calibration, middle_row, walk.across(crossing))?;
+        let start = line.place_at(calibration, middle_row, scan.across(crossing))?;
         let mut found = vec![Row::default(); rows];
         let spacing = 1.0 / start.factor.max(0.3);
         let width = |(share, low, high): (f64, f64, f64)| {
@@ -185,18 +185,18 @@ impl LitLine {
         };
         let (middle, beside) = (width(MIDDLE), width(BESIDE));
         for outwards in [-1i32, 1] {
-            let (mut guess, mut row) = (walk.across(start.px), middle_row as i32);
+            let (mut guess, mut row) = (scan.across(start.px), middle_row as i32);
             while let Some(place) = (0..rows as i32)
                 .contains(&row)
                 .then(|| line.place_at(calibration, f64::from(row), guess))
                 .flatten()
             {
-                let here = walk.across(place.px);
+                let here = scan.across(place.px);
                 if !(0.0..columns as f64).contains(&here) {
                     break;
                 }
                 guess = here + f64::from(outwards) * place.slope;
-                found[row as usize] = look(frame, walk, row, here.round() as i32, middle, beside);
+                found[row as usize] = look(frame, scan, row, here.round() as i32, middle, beside);
                 row += outwards;
             }
         }
@@ -216,13 +216,13 @@ impl LitLine {
             sums.push(sum);
         }
         let px_per_row = 1f64.hypot(start.slope);
-        Some(Self { walk, sums, px_per_row })
+        Some(Self { scan, sums, px_per_row })
     }
 
     /// What the rows between two distances outwards of a place say, px along the stripe; `beyond` is a pixel farther out.
     fn between(&self, at: Px, beyond: Px, [from_px, to_px]: [f64; 2]) -> f64 {
-        let along = self.walk.along(at);
-        let outwards = (self.walk.along(beyond) - along).signum();
+        let along = self.scan.along(at);
+        let outwards = (self.scan.along(beyond) - along).signum();
         let row = |px: f64| {
             ((along + outwards * px / self.px_per_row).round().max(0.0) as usize).min(self.sums.len() - 1)
         };
@@ -253,10 +253,10 @@ pub(super) fn red_light(frame: &Frame, at: usize) -> [f32; 2] {
 }
 
 /// A row across a stripe's line; not seen near the picture's border.
-fn look(frame: &Frame, walk: Walk, row: i32, centre: i32, middle: i32, beside: i32) -> Row {
-    let (width, columns) = match walk {
-        Walk::Rows => (frame.width_px(), frame.width_px()),
-        Walk::Columns => (frame.width_px(), frame.height_px()),
+fn look(frame: &Frame, scan: ScanDirection, row: i32, centre: i32, middle: i32, beside: i32) -> Row {
+    let (width, columns) = match scan {
+        ScanDirection::Rows => (frame.width_px(), frame.width_px()),
+        ScanDirection::Columns => (frame.width_px(), frame.height_px()),
     };
     let step = 2 * middle + 1;
     let reach = beside + BESIDE_PX + step * (PLACES + 1);
@@ -264,9 +264,9 @@ fn look(frame: &Frame, walk: Walk, row: i32, centre: i32, middle: i32, beside: i
     if !(inside(centre - beside - BESIDE_PX) && inside(centre + beside + BESIDE_PX)) {
         return Row::default();
     }
-    let at = |column: i32| match walk {
-        Walk::Rows => 3 * (row as usize * width + column as usize),
-        Walk::Columns => 3 * (column as usize * width + row as usize),
+    let at = |column: i32| match scan {
+        ScanDirection::Rows => 3 * (row as usize * width + column as usize),
+        ScanDirection::Columns => 3 * (column as usize * width + row as usize),
     };
     let red = |column: i32| red_light(frame, at(column))[0];
     let mean = |from: i32, to: i32| (from..=to).map(red).sum::<f32>() / (to - from + 1) as f32;
@@ -306,7 +306,7 @@ fn look(frame: &Frame, walk: Walk, row: i32, centre: i32, middle: i32, beside: i
 
 #[cfg(test)]
 mod tests {
-    use super::super::drawn::{DISTANCE_MM, Seen, drawn, face};
+    use super::super::drawn::{DISTANCE_MM, Surface, drawn, face};
     use super::*;
     use crate::face::extent::crossing_on;
     use crate::face::raster::OnPlane;
@@ -345,7 +345,7 @@ mod tests {
             let frame = drawn(|on_face| {
                 let on = if offset(on_face) < OFFSET_MM { Some(raster.plane) } else { behind };
                 let inside_px = (OFFSET_MM - offset(on_face)) / PX_MM;
-                Seen { on, paint: if (40.0..80.0).contains(&inside_px) { band } else { 1.0 } }
+                Surface { on, paint: if (40.0..80.0).contains(&inside_px) { band } else { 1.0 } }
             });
             let side = at(&frame, 0.0);
             assert!(side.beyond[1] < 1.0 && side.missing < 1.0, "{what}: {side:?} at the side");
@@ -364,12 +364,12 @@ mod tests {
     #[test]
     fn a_flush_neighbour_is_lit_on_and_dark_surroundings_say_nothing() {
         let (_, raster) = face();
-        let neighbour = drawn(|_| Seen { on: Some(raster.plane), paint: 1.0 });
+        let neighbour = drawn(|_| Surface { on: Some(raster.plane), paint: 1.0 });
         assert!(at(&neighbour, 0.0).beyond[0] > 10.0, "{:?}", at(&neighbour, 0.0));
         assert_eq!(verdict(&neighbour, 0.0), SideLight::Open);
         let dark = drawn(|on_face| {
             let face = offset(on_face) < OFFSET_MM;
-            Seen { on: face.then_some(raster.plane), paint: if face { 1.0 } else { 0.01 } }
+            Surface { on: face.then_some(raster.plane), paint: if face { 1.0 } else { 0.01 } }
         });
         let outside = at(&dark, 60.0);
         assert!(outside.missing < 2.0 && outside.beyond[1] < 2.0, "{outside:?}");
@@ -387,7 +387,7 @@ mod tests {
         let middle = along.into_iter().flatten().sum::<f64>() / 2.0;
         let frame = drawn(|on_face| {
             let lit = offset(on_face) < OFFSET_MM || SIDES[SIDE].0.along(on_face) < middle;
-            Seen { on: lit.then_some(raster.plane), paint: 1.0 }
+            Surface { on: lit.then_some(raster.plane), paint: 1.0 }
         });
         let told = at(&frame, 0.0);
         assert!(told.beyond[0] < 1.0 && told.beyond[1] > 10.0, "{told:?}");

@@ -1,6 +1,6 @@
 //! Adds up a map along a curve of the image: the innermost loop of the search for the stripes' grid, in whole numbers.
 
-use crate::image::redness::Layout;
+use crate::image::laser_response::Layout;
 
 /// Places along the parabola through three pixels.
 #[derive(Clone, Copy, Debug)]

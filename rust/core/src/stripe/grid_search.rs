@@ -10,7 +10,7 @@ use super::curve::{Curve, fan_sums, steps_for};
 use crate::calibration::Calibration;
 use crate::camera::CameraModel;
 use crate::frames::{Cam, Plane, Ray};
-use crate::image::redness::{Diagonal, Layout, RidgeMap, Z_CLIP, Z_STEPS};
+use crate::image::laser_response::{Diagonal, Layout, RidgeMap, Z_CLIP, Z_STEPS};
 use crate::network::{Channel, FaceMaps};
 use crate::units::{LaserId, Px};
 use nalgebra::{Matrix3, Vector3};

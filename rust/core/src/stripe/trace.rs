@@ -5,8 +5,8 @@
 //! 45 degrees): contiguous memory, no interpolation. Several neighbouring rows are added along the predicted line into one
 //! profile; faint light takes more of them.
 
+use super::colour_projection::ColourProjection;
 use super::peak::{Estimator, find_peak};
-use super::tint::Tint;
 use crate::calibration::Calibration;
 use crate::frames::{Cam, Plane};
 use crate::image::Frame;
@@ -31,14 +31,14 @@ const SAME_PX: f64 = 0.25;
 
 impl StripePoint {
     /// The same place as another plane predicts it, which does not change the peak; `None` if that is too far to know.
-    fn predicted_anew(&self, walk: Walk, place: &OnLine, search_px: f64) -> Option<Self> {
-        let across = walk.across(place.px);
-        if (across - walk.across(self.predicted)).abs() * place.factor > SAME_PX {
+    fn predicted_anew(&self, scan: ScanDirection, place: &OnLine, search_px: f64) -> Option<Self> {
+        let across = scan.across(place.px);
+        if (across - scan.across(self.predicted)).abs() * place.factor > SAME_PX {
             return None;
         }
         let found = self
             .found
-            .map(|found| Found { residual_px: (walk.across(found.at) - across) * place.factor, ..found });
+            .map(|found| Found { residual_px: (scan.across(found.at) - across) * place.factor, ..found });
         // As a look at it would have it.
         let found = found.filter(|found| found.residual_px.abs() <= search_px + 1.0);
         Some(Self { predicted: place.px, found, ..*self })
@@ -54,7 +54,7 @@ pub(crate) struct Found {
     pub residual_px: f64,
     /// Standard deviation of the centre across the stripe, px.
     pub sigma_px: f64,
-    /// Height over the background, grey levels of redness.
+    /// Height over the background, grey levels of laser response.
     pub amplitude: f64,
 }
 
@@ -70,7 +70,7 @@ pub(crate) struct TraceSettings {
     /// Half the width of the stripe at its foot across it, px. Less cuts the stripe, more takes in what lies beside it.
     pub half_width_px: f64,
     /// In which mixture of colours.
-    pub tint: Tint,
+    pub projection: ColourProjection,
     /// How the centre is found.
     pub estimator: Estimator,
     /// Across how much each profile is averaged before a peak is looked for, px; 0 for none. More finds fainter light (a stripe
@@ -78,7 +78,7 @@ pub(crate) struct TraceSettings {
     pub smooth_px: f64,
 }
 
-/// A peak below this many grey levels of redness is no stripe whatever the noise: JPEG steps are of that size.
+/// A peak below this many grey levels of laser response is no stripe whatever the noise: JPEG steps are of that size.
 const MIN_AMPLITUDE: f64 = 2.0;
 /// ... where more than a hundred rows are added, which leaves little of such steps.
 const MIN_SMOOTH_AMPLITUDE: f64 = 0.8;
@@ -90,14 +90,14 @@ pub(crate) const SPECKLE_ROWS: f64 = 1.5;
 
 /// The direction in which a stripe is walked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Walk {
+pub(crate) enum ScanDirection {
     /// Row by row: `along` is v, the profile runs along u.
     Rows,
     /// Column by column: `along` is u, the profile runs along v.
     Columns,
 }
 
-impl Walk {
+impl ScanDirection {
     /// The coordinate along the walk.
     pub fn along(self, px: Px) -> f64 {
         match self {
@@ -119,15 +119,19 @@ impl Walk {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct StripeLine {
     coefficients: Vector3<f64>,
-    pub walk: Walk,
+    pub scan: ScanDirection,
 }
 
 impl StripeLine {
     /// The line of a laser on a plane.
     pub fn new(calibration: &Calibration, id: LaserId, plane: &Plane<Cam>) -> Self {
         let coefficients = plane.per_mm - calibration.laser(id).per_mm;
-        let walk = if coefficients.x.abs() >= coefficients.y.abs() { Walk::Rows } else { Walk::Columns };
-        Self { coefficients, walk }
+        let scan = if coefficients.x.abs() >= coefficients.y.abs() {
+            ScanDirection::Rows
+        } else {
+            ScanDirection::Columns
+        };
+        Self { coefficients, scan }
     }
 
     /// The pixel of the line at `along_px`, starting from a guess of the other coordinate; and |d(across)/d(normal)|,
@@ -141,16 +145,16 @@ impl StripeLine {
         let mut other = guess_px;
         let mut found = OnLine { px: Px::new(0.0, 0.0), factor: 0.0, slope: 0.0 };
         for _ in 0..8 {
-            let px = match self.walk {
-                Walk::Rows => Px::new(other, along_px),
-                Walk::Columns => Px::new(along_px, other),
+            let px = match self.scan {
+                ScanDirection::Rows => Px::new(other, along_px),
+                ScanDirection::Columns => Px::new(along_px, other),
             };
             let (ray, jacobian) = calibration.camera().ray_from_px_with_jacobian(px);
             let value = self.coefficients.dot(&ray.xy1);
             let gradient = jacobian.transpose() * self.coefficients.xy();
-            let (across, along) = match self.walk {
-                Walk::Rows => (gradient.x, gradient.y),
-                Walk::Columns => (gradient.y, gradient.x),
+            let (across, along) = match self.scan {
+                ScanDirection::Rows => (gradient.x, gradient.y),
+                ScanDirection::Columns => (gradient.y, gradient.x),
             };
             if across.abs() < 1e-12 {
                 return None;
@@ -200,14 +204,14 @@ pub(crate) fn trace_again(
     settings: &TraceSettings,
     mut seen: &[StripePoint],
 ) -> Vec<StripePoint> {
-    let (along_size, across_size) = match line.walk {
-        Walk::Rows => (frame.height_px(), frame.width_px()),
-        Walk::Columns => (frame.width_px(), frame.height_px()),
+    let (along_size, across_size) = match line.scan {
+        ScanDirection::Rows => (frame.height_px(), frame.width_px()),
+        ScanDirection::Columns => (frame.width_px(), frame.height_px()),
     };
     let first = range_px.start.max(0.0).ceil() as usize;
     let last = (range_px.end.min(along_size as f64)).max(0.0).floor() as usize;
     // The curve bends so little that Newton reaches it from a straight guess.
-    let Some(begin) = line.place_at(calibration, first as f64, line.walk.across(start)) else {
+    let Some(begin) = line.place_at(calibration, first as f64, line.scan.across(start)) else {
         return Vec::new();
     };
     let half = ((2.0 * settings.half_width_px + settings.search_px) / begin.factor.max(0.3)).ceil() as usize;
@@ -220,7 +224,7 @@ pub(crate) fn trace_again(
     let mut before = (first as f64, begin);
     while row + rows <= last {
         let middle = row as f64 + 0.5 * (rows as f64 - 1.0);
-        let guess = line.walk.across(before.1.px) + before.1.slope * (middle - before.0);
+        let guess = line.scan.across(before.1.px) + before.1.slope * (middle - before.0);
         let Some(place) = line.place_at(calibration, middle, guess) else { break };
         before = (middle, place);
         let (predicted, factor) = (place.px, place.factor);
@@ -230,7 +234,7 @@ pub(crate) fn trace_again(
             seen = rest;
         }
         if let Some(point) = seen.first().filter(|point| point.along_px == middle)
-            && let Some(point) = point.predicted_anew(line.walk, &place, settings.search_px)
+            && let Some(point) = point.predicted_anew(line.scan, &place, settings.search_px)
         {
             points.push(point);
             row += rows;
@@ -240,7 +244,7 @@ pub(crate) fn trace_again(
         let mut rest = 0.0;
         for r in row..row + rows {
             // Straight within a block: distortion bends 64 rows by a hundredth of a pixel.
-            let other = line.walk.across(predicted) + place.slope * (r as f64 - middle);
+            let other = line.scan.across(predicted) + place.slope * (r as f64 - middle);
             if other >= half as f64 && other + half as f64 + 1.0 < across_size as f64 {
                 let base = (other + 0.5) as usize;
                 begins.push(base - half);
@@ -253,10 +257,10 @@ pub(crate) fn trace_again(
             continue; // the window leaves the image here
         }
         sums.fill(0);
-        add_profiles(&mut sums, frame, line.walk, first_row, &begins);
+        add_profiles(&mut sums, frame, line.scan, first_row, &begins);
         let scale = 1.0 / rows as f32;
         for (p, sum) in profile.iter_mut().zip(sums.chunks_exact(3)) {
-            *p = settings.tint.of([sum[0], sum[1], sum[2]].map(f32::from)) * scale;
+            *p = settings.projection.of([sum[0], sum[1], sum[2]].map(f32::from)) * scale;
         }
         let expected = half as f64 + rest / rows as f64;
         let beside = (settings.smooth_px / factor).round() as usize;
@@ -280,9 +284,9 @@ pub(crate) fn trace_again(
             })
             .map(|p| {
                 let shift = p.position - expected;
-                let at = match line.walk {
-                    Walk::Rows => Px::new(predicted.u + shift, predicted.v),
-                    Walk::Columns => Px::new(predicted.u, predicted.v + shift),
+                let at = match line.scan {
+                    ScanDirection::Rows => Px::new(predicted.u + shift, predicted.v),
+                    ScanDirection::Columns => Px::new(predicted.u, predicted.v + shift),
                 };
                 let speckle = SPECKLE_PX / (rows as f64 / SPECKLE_ROWS).max(1.0).sqrt();
                 Found {
@@ -301,20 +305,20 @@ pub(crate) fn trace_again(
 /// are their first places.
 ///
 /// Colours are added first and mixed once: whole rows of bytes at once.
-fn add_profiles(sums: &mut [u16], frame: &Frame, walk: Walk, first: usize, begins: &[usize]) {
+fn add_profiles(sums: &mut [u16], frame: &Frame, scan: ScanDirection, first: usize, begins: &[usize]) {
     let (rgb, width) = (frame.stripe_rgb(), frame.width_px());
     let add = |sums: &mut [u16], bytes: &[u8]| {
         for (sum, byte) in sums.iter_mut().zip(bytes) {
             *sum = sum.wrapping_add(u16::from(*byte)); // MOST_ROWS fit
         }
     };
-    match walk {
-        Walk::Rows => {
+    match scan {
+        ScanDirection::Rows => {
             for (row, begin) in begins.iter().enumerate() {
                 add(sums, &rgb[((first + row) * width + begin) * 3..]);
             }
         }
-        Walk::Columns => {
+        ScanDirection::Columns => {
             // The first pixels of the rows from there on.
             for (column, begin) in begins.iter().enumerate() {
                 let pixels = rgb[(begin * width + first + column) * 3..].chunks(width * 3);
@@ -350,24 +354,24 @@ pub(crate) fn measure_half_width_px(
     frame: &Frame,
     calibration: &Calibration,
     pieces: &[(StripeLine, std::ops::Range<f64>, Px)],
-    tints: &[Tint],
+    projections: &[ColourProjection],
 ) -> Option<f64> {
     const N: usize = 2 * PROFILE_PX + 1;
     /// Every so many rows is looked at.
     const ROW_STEP: usize = 2;
     let mut sum = [0f64; N];
     let mut count = 0.0;
-    for ((line, range, start), tint) in pieces.iter().zip(tints) {
-        let (along_stride, across_stride, along_size, across_size) = match line.walk {
-            Walk::Rows => (frame.width_px(), 1, frame.height_px(), frame.width_px()),
-            Walk::Columns => (1, frame.width_px(), frame.width_px(), frame.height_px()),
+    for ((line, range, start), projection) in pieces.iter().zip(projections) {
+        let (along_stride, across_stride, along_size, across_size) = match line.scan {
+            ScanDirection::Rows => (frame.width_px(), 1, frame.height_px(), frame.width_px()),
+            ScanDirection::Columns => (1, frame.width_px(), frame.width_px(), frame.height_px()),
         };
-        let mut other = line.walk.across(*start);
+        let mut other = line.scan.across(*start);
         let mut row = range.start.max(0.0).ceil() as usize;
         let mut colours = [[0u32; 3]; N];
         while (row as f64) < range.end.min(along_size as f64) {
             let Some(place) = line.place_at(calibration, row as f64, other) else { break };
-            let here = line.walk.across(place.px);
+            let here = line.scan.across(place.px);
             other = here + ROW_STEP as f64 * place.slope;
             let spacing = 1.0 / place.factor.max(0.3);
             let reach = PROFILE_PX as f64 * spacing;
@@ -382,7 +386,7 @@ pub(crate) fn measure_half_width_px(
             row += ROW_STEP;
         }
         for (s, colours) in sum.iter_mut().zip(colours) {
-            *s += f64::from(tint.of(colours.map(|c| c as f32)));
+            *s += f64::from(projection.of(colours.map(|c| c as f32)));
         }
     }
     if count < 16.0 {
@@ -438,7 +442,7 @@ mod tests {
             search_px: 5.0,
             min_signal_to_noise: 3.0,
             half_width_px: 3.0 * width_px,
-            tint: Tint::REDNESS,
+            projection: ColourProjection::LASER_RESPONSE,
             estimator,
             smooth_px: 0.0,
         }
@@ -450,9 +454,9 @@ mod tests {
         id: LaserId,
     ) -> (StripeLine, std::ops::Range<f64>, Px) {
         let line = StripeLine::new(calibration, id, plane);
-        let size = match line.walk {
-            Walk::Rows => HEIGHT,
-            Walk::Columns => WIDTH,
+        let size = match line.scan {
+            ScanDirection::Rows => HEIGHT,
+            ScanDirection::Columns => WIDTH,
         } as f64;
         let (start, _) = line.px_at(calibration, 0.0, 300.0).expect("the line crosses the image");
         (line, 0.0..size, start)
@@ -511,8 +515,13 @@ mod tests {
             let pieces = LaserId::ALL.map(|id| whole(&calibration, &plane, id));
             for (id, piece) in LaserId::ALL.into_iter().zip(pieces) {
                 let frame = stripe_frame(&calibration, &plane, id, width_px, 0..0);
-                let half = measure_half_width_px(&frame, &calibration, &[piece], &[Tint::REDNESS])
-                    .expect("a stripe");
+                let half = measure_half_width_px(
+                    &frame,
+                    &calibration,
+                    &[piece],
+                    &[ColourProjection::LASER_RESPONSE],
+                )
+                .expect("a stripe");
                 // The foot of a bell, where it has fallen to 5 to 20 %: 1.8 to 2.5 widths from its middle.
                 assert!(
                     (1.7 * width_px..3.0 * width_px).contains(&half),
@@ -533,7 +542,12 @@ mod tests {
             let points = trace(&frame, &calibration, &line, range.clone(), start, &settings);
             assert!(points.iter().all(|p| p.found.is_none()));
             assert_eq!(
-                measure_half_width_px(&frame, &calibration, &[(line, range, start)], &[Tint::REDNESS]),
+                measure_half_width_px(
+                    &frame,
+                    &calibration,
+                    &[(line, range, start)],
+                    &[ColourProjection::LASER_RESPONSE]
+                ),
                 None
             );
         }

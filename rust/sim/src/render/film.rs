@@ -2,7 +2,7 @@
 
 use super::laser::Trace;
 use super::lit::{Grid, NOTHING, STEP, face_id};
-use super::patch::Seen;
+use super::patch::VisiblePlane;
 use super::prepare::Stage;
 use crate::vec3::V3;
 
@@ -97,11 +97,16 @@ impl Film {
 }
 
 /// What one pixel shows, by itself.
-fn single(stage: &Stage<'_>, grid: &Grid, pixel: (usize, usize), traces: &mut Vec<Trace>) -> Option<Seen> {
+fn single(
+    stage: &Stage<'_>,
+    grid: &Grid,
+    pixel: (usize, usize),
+    traces: &mut Vec<Trace>,
+) -> Option<VisiblePlane> {
     let ray = stage.ray(pixel.0 as f64, pixel.1 as f64);
     let (solid, hit) = stage.cast(ray, pixel.0, pixel.1)?;
     let colour = stage.shade(Some(grid), solid, &hit, ray, pixel, Some(traces));
-    Some(Seen { colour, id: face_id(solid, hit.face), depth: hit.depth })
+    Some(VisiblePlane { colour, id: face_id(solid, hit.face), depth: hit.depth })
 }
 
 /// A turned square: four samples that see four columns and four rows.

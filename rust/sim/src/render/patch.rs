@@ -43,7 +43,7 @@ pub(super) struct Row {
 }
 
 /// What a pixel of a patch shows.
-pub(super) struct Seen {
+pub(super) struct VisiblePlane {
     pub(super) colour: V3,
     pub(super) id: u16,
     pub(super) depth: f32,
@@ -144,7 +144,7 @@ impl Stage<'_> {
         line: &Row,
         pixel: (usize, usize),
         traces: &mut Vec<Trace>,
-    ) -> Seen {
+    ) -> VisiblePlane {
         let t = (pixel.0 - patch.first.0) as f32 * (1.0 / STEP as f32);
         let between = |ends: &[V3; 2]| mix(ends[0], ends[1], t);
         let ray = between(&line.ray);
@@ -160,6 +160,6 @@ impl Stage<'_> {
         if self.mirror[patch.solid] > 0.0 {
             self.mirror_in(&mut colour, self.mirror[patch.solid], ray, patch.normal, pixel, Some(traces));
         }
-        Seen { colour, id: face_id(patch.solid, patch.face), depth }
+        VisiblePlane { colour, id: face_id(patch.solid, patch.face), depth }
     }
 }

@@ -15,7 +15,7 @@ const CHANNELS: [(&str, Channel); 7] = [
     ("L2", Channel::Laser(LaserId::ALL[1])),
     ("L3", Channel::Laser(LaserId::ALL[2])),
     ("L4", Channel::Laser(LaserId::ALL[3])),
-    ("spill", Channel::Spill),
+    ("spill", Channel::StrayLight),
     ("face_edge", Channel::FaceEdge),
     ("other_edge", Channel::OtherEdge),
 ];
@@ -70,7 +70,7 @@ impl Scores {
             self.add_line("any_edge", &Compared::new(&largest(predicted, &edges), &largest(truth, &edges)));
         }
         for (name, channel) in CHANNELS {
-            if labels.face_only && matches!(channel, Channel::Spill | Channel::OtherEdge) {
+            if labels.face_only && matches!(channel, Channel::StrayLight | Channel::OtherEdge) {
                 continue;
             }
             let compared = Compared::new(&map(predicted, channel), &map(truth, channel));

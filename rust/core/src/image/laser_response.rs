@@ -1,4 +1,4 @@
-//! Where the red laser light is: redness `R - (G + B) / 2`, and at half resolution a ridge response for each of the two
+//! Where the red laser light is: laser response `R - (G + B) / 2`, and at half resolution a ridge response for each of the two
 //! diagonal stripe directions, in units of the local noise.
 
 use super::{Frame, LANES, word};
@@ -88,8 +88,8 @@ impl RidgeMap {
     }
 }
 
-/// Sum of `2R - G - B` over 2 x 2 pixels (8 times the redness), half resolution.
-pub(crate) fn half_redness(frame: &Frame) -> (usize, usize, Vec<i16>) {
+/// Sum of `2R - G - B` over 2 x 2 pixels (8 times the laser response), half resolution.
+pub(crate) fn half_laser_response(frame: &Frame) -> (usize, usize, Vec<i16>) {
     let (w, h) = (frame.width_px() / 2, frame.height_px() / 2);
     let stride = frame.width_px() * 3;
     let mut out = vec![0i16; w * h];
@@ -117,8 +117,8 @@ pub(crate) fn half_redness(frame: &Frame) -> (usize, usize, Vec<i16>) {
     (w, h, out)
 }
 
-/// The ridge map for stripes near one diagonal, from the output of [`half_redness`].
-pub(crate) fn ridge_map(width: usize, height: usize, redness: &[i16], diagonal: Diagonal) -> RidgeMap {
+/// The ridge map for stripes near one diagonal, from the output of [`half_laser_response`].
+pub(crate) fn ridge_map(width: usize, height: usize, laser_response: &[i16], diagonal: Diagonal) -> RidgeMap {
     let mut z = vec![0i8; width * height];
     let mut ridge = vec![0i16; width * BLOCK];
     let mut slope = vec![0i16; width * BLOCK.div_ceil(2)];
@@ -129,7 +129,7 @@ pub(crate) fn ridge_map(width: usize, height: usize, redness: &[i16], diagonal: 
         ridge.fill(0);
         slope.fill(0);
         for r in 0..rows {
-            if !sum_along(&mut sum, redness, width, block_top + r, diagonal)
+            if !sum_along(&mut sum, laser_response, width, block_top + r, diagonal)
                 || width <= 2 * (ALONG / 2 + ACROSS)
             {
                 continue;
@@ -198,9 +198,9 @@ impl Gain {
 const GAIN_ONE: i32 = 4096;
 
 /// Sums of [`ALONG`] pixels along the diagonal for each pixel of row `y`; false, and nothing done, where they do not fit.
-fn sum_along(sum: &mut [i16], redness: &[i16], width: usize, y: usize, diagonal: Diagonal) -> bool {
+fn sum_along(sum: &mut [i16], laser_response: &[i16], width: usize, y: usize, diagonal: Diagonal) -> bool {
     let margin = ALONG / 2;
-    if y < margin || (y + margin + 1) * width > redness.len() || width < ALONG {
+    if y < margin || (y + margin + 1) * width > laser_response.len() || width < ALONG {
         return false;
     }
     let n = width - 2 * margin;
@@ -209,7 +209,7 @@ fn sum_along(sum: &mut [i16], redness: &[i16], width: usize, y: usize, diagonal:
             Diagonal::Down => t,
             Diagonal::Up => ALONG - 1 - t,
         };
-        &redness[(y + t - margin) * width + shift..][..n]
+        &laser_response[(y + t - margin) * width + shift..][..n]
     });
     let sum = &mut sum[margin..][..n];
     for i in 0..n {
@@ -244,7 +244,12 @@ const FAINT_CLIP: (f32, f32) = (-1.2, 1.8);
 
 /// As [`ridge_map`] with wider means, for stripes that no pixel shows: 1.7 times the signal to noise of the narrow one if
 /// pixels are independent; thin print looks more like a stripe in it.
-pub(crate) fn faint_ridge_map(width: usize, height: usize, redness: &[i16], diagonal: Diagonal) -> RidgeMap {
+pub(crate) fn faint_ridge_map(
+    width: usize,
+    height: usize,
+    laser_response: &[i16],
+    diagonal: Diagonal,
+) -> RidgeMap {
     let (margin, reach) = (ALONG / 2, ACROSS + SIDE / 2);
     let mut ridge = vec![0f32; width * BLOCK];
     let mut slope = vec![0f32; width * BLOCK];
@@ -257,7 +262,8 @@ pub(crate) fn faint_ridge_map(width: usize, height: usize, redness: &[i16], diag
         ridge.fill(0.0);
         slope.fill(0.0);
         for r in 0..rows {
-            if !sum_along(&mut sum, redness, width, block_top + r, diagonal) || width <= 2 * (margin + reach)
+            if !sum_along(&mut sum, laser_response, width, block_top + r, diagonal)
+                || width <= 2 * (margin + reach)
             {
                 continue;
             }
@@ -317,19 +323,19 @@ mod tests {
 
     proptest! {
         #[test]
-        fn half_redness_is_the_sum_of_four_pixels(width in 2..40usize, height in 2..6usize, seed: u64) {
+        fn half_laser_response_is_the_sum_of_four_pixels(width in 2..40usize, height in 2..6usize, seed: u64) {
             let mut random = fastrand::Rng::with_seed(seed);
             let rgb: Vec<u8> = (0..width * height * 3).map(|_| random.u8(..)).collect();
-            let redness = |x: usize, y: usize| {
+            let laser_response = |x: usize, y: usize| {
                 let p = &rgb[(y * width + x) * 3..];
                 2 * i16::from(p[0]) - i16::from(p[1]) - i16::from(p[2])
             };
             let frame = Frame::from_rgb(width, height, rgb.clone()).expect("the size fits");
-            let (w, h, half) = half_redness(&frame);
+            let (w, h, half) = half_laser_response(&frame);
             prop_assert_eq!((w, h), (width / 2, height / 2));
             for (i, found) in half.iter().enumerate() {
                 let (x, y) = (2 * (i % w), 2 * (i / w));
-                let want = redness(x, y) + redness(x + 1, y) + redness(x, y + 1) + redness(x + 1, y + 1);
+                let want = laser_response(x, y) + laser_response(x + 1, y) + laser_response(x, y + 1) + laser_response(x + 1, y + 1);
                 prop_assert_eq!(*found, want, "half pixel {} of {} x {}", i, w, h);
             }
         }
@@ -350,13 +356,13 @@ mod tests {
             Diagonal::Down => x.abs_diff(y + 30) <= 3,
             Diagonal::Up => (x + y).abs_diff(290) <= 3,
         };
-        let mut redness = Vec::new();
+        let mut laser_response = Vec::new();
         for y in 0..rows {
-            redness.extend((0..width).map(|x| {
+            laser_response.extend((0..width).map(|x| {
                 (noise.normal() as f32 * sigma + if on(x, y) { height } else { 0.0 }).round() as i16
             }));
         }
-        let map = ridge_map(width, rows, &redness, diagonal);
+        let map = ridge_map(width, rows, &laser_response, diagonal);
         let (mut lit, mut dark) = ([0.0; 2], [0.0; 2]);
         for y in 10..rows - 10 {
             for x in 20..width - 20 {

@@ -1,8 +1,8 @@
-//! In which mixture of red, green and blue a stripe stands out best. Redness R - (G + B) / 2 does on brown cardboard; where a
+//! In which mixture of red, green and blue a stripe stands out best. Laser response R - (G + B) / 2 does on brown cardboard; where a
 //! white box or strong light drives red to its limit, green and blue carry the stripe, and on coloured ones something
 //! between. Fisher's discriminant finds it: the step that the stripe makes, divided by the covariance of what lies beside.
 
-use super::trace::{StripeLine, Walk};
+use super::trace::{ScanDirection, StripeLine};
 use crate::calibration::Calibration;
 use crate::image::Frame;
 use crate::units::Px;
@@ -10,11 +10,11 @@ use nalgebra::{Matrix3, Vector3};
 
 /// Weights of red, green and blue.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Tint([f32; 3]);
+pub(crate) struct ColourProjection([f32; 3]);
 
-impl Tint {
+impl ColourProjection {
     /// `R - (G + B) / 2`.
-    pub const REDNESS: Self = Self([1.0, -0.5, -0.5]);
+    pub const LASER_RESPONSE: Self = Self([1.0, -0.5, -0.5]);
 
     /// The mixture at a pixel, grey levels; the caller stays inside the frame.
     #[inline]
@@ -29,7 +29,7 @@ impl Tint {
         self.0[0] * red + self.0[1] * green + self.0[2] * blue
     }
 
-    /// Weights along a direction, as long as those of redness, so that noise keeps its size.
+    /// Weights along a direction, as long as those of laser response, so that noise keeps its size.
     fn along(direction: Vector3<f64>) -> Option<Self> {
         let w = direction.try_normalize(1e-9)? * 1.5f64.sqrt();
         w.iter().all(|x| x.is_finite()).then(|| Self([w.x as f32, w.y as f32, w.z as f32]))
@@ -60,22 +60,22 @@ pub(crate) fn measure_tints(
     frame: &Frame,
     calibration: &Calibration,
     pieces: &[(StripeLine, std::ops::Range<f64>, Px)],
-) -> Vec<Tint> {
+) -> Vec<ColourProjection> {
     let seen: Vec<Crossings> = pieces.iter().map(|piece| crossings(frame, calibration, piece)).collect();
     let all: Vec<Vector3<f64>> = seen.iter().flat_map(|s| s.steps.iter().copied()).collect();
     let usual = median_step(&all);
     seen.iter()
         .map(|s| {
             if s.steps.len() < FEWEST {
-                return Tint::REDNESS;
+                return ColourProjection::LASER_RESPONSE;
             }
             let own = median_step(&s.steps);
             let step = if own.dot(&usual) < LEAST_STEP * usual.norm_squared() { usual } else { own };
             let noise = quiet_covariance(&s.differences) + Matrix3::identity() * (FLOOR * FLOOR);
             noise
                 .try_inverse()
-                .and_then(|inverse| Tint::along(inverse * (step + LASER)))
-                .unwrap_or(Tint::REDNESS)
+                .and_then(|inverse| ColourProjection::along(inverse * (step + LASER)))
+                .unwrap_or(ColourProjection::LASER_RESPONSE)
         })
         .collect()
 }
@@ -113,16 +113,16 @@ fn crossings(
     calibration: &Calibration,
     (line, range, start): &(StripeLine, std::ops::Range<f64>, Px),
 ) -> Crossings {
-    let (along_stride, across_stride, along_size, across_size) = match line.walk {
-        Walk::Rows => (frame.width_px(), 1, frame.height_px(), frame.width_px()),
-        Walk::Columns => (1, frame.width_px(), frame.width_px(), frame.height_px()),
+    let (along_stride, across_stride, along_size, across_size) = match line.scan {
+        ScanDirection::Rows => (frame.width_px(), 1, frame.height_px(), frame.width_px()),
+        ScanDirection::Columns => (1, frame.width_px(), frame.width_px(), frame.height_px()),
     };
-    let mut other = line.walk.across(*start);
+    let mut other = line.scan.across(*start);
     let mut row = range.start.max(0.0).ceil() as usize;
     let mut seen = Crossings { steps: Vec::new(), differences: Vec::new() };
     while (row as f64) < range.end.min(along_size as f64) {
         let Some(place) = line.place_at(calibration, row as f64, other) else { break };
-        let here = line.walk.across(place.px);
+        let here = line.scan.across(place.px);
         other = here + ROW_STEP as f64 * place.slope;
         let spacing = 1.0 / place.factor.max(0.3);
         let mean = |offsets: std::ops::RangeInclusive<i32>| -> Option<Vector3<f64>> {
@@ -157,7 +157,7 @@ mod tests {
     use crate::units::LaserId;
 
     /// A frame whose background has one colour and some noise, with a stripe that adds `light`, cut off at 255.
-    fn tint_on(background: [f64; 3], light: [f64; 3], common_noise: f64) -> Tint {
+    fn tint_on(background: [f64; 3], light: [f64; 3], common_noise: f64) -> ColourProjection {
         let camera = CameraModel {
             fx: 600.0,
             fy: 600.0,
@@ -177,7 +177,7 @@ mod tests {
         let calibration = Calibration::new("test", [640, 480], camera, lasers).expect("a valid head");
         let plane = Plane::new(Vector3::new(0.0, 0.0, 1e-3));
         let line = StripeLine::new(&calibration, LaserId::ALL[2], &plane);
-        assert_eq!(line.walk, Walk::Rows);
+        assert_eq!(line.scan, ScanDirection::Rows);
         let mut state = 1u32;
         let mut noise = || {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -201,14 +201,14 @@ mod tests {
     }
 
     #[test]
-    fn on_brown_cardboard_with_grey_texture_it_is_nearly_redness() {
-        let Tint([r, g, b]) = tint_on([150.0, 110.0, 80.0], [60.0, 8.0, 5.0], 40.0);
+    fn on_brown_cardboard_with_grey_texture_it_is_nearly_laser_response() {
+        let ColourProjection([r, g, b]) = tint_on([150.0, 110.0, 80.0], [60.0, 8.0, 5.0], 40.0);
         assert!(r > 0.8 && g < -0.2 && b < -0.2, "{r} {g} {b}");
     }
 
     #[test]
     fn where_red_is_at_its_limit_green_and_blue_carry_the_stripe() {
-        let Tint([r, g, b]) = tint_on([254.0, 225.0, 215.0], [80.0, 25.0, 15.0], 0.0);
+        let ColourProjection([r, g, b]) = tint_on([254.0, 225.0, 215.0], [80.0, 25.0, 15.0], 0.0);
         assert!(g + b > 0.5, "{r} {g} {b}");
         let seen = 25.0 * g + 15.0 * b + r;
         assert!(seen > 25.0, "the stripe is {seen} grey levels high");
