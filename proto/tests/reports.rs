@@ -6,12 +6,8 @@ mod samples;
 
 use boxline::calib::{CalibrationCovariance, PAPER_PARAMETERS, PARAMETERS};
 use boxline::feasibility::Move;
-use boxline::frames::{Plane, Point};
 use boxline::measurement::FaceMeasurement;
-use boxline::{
-    AngleEstimate, BoxMeasurement, BoxReport, Candidate, DepthSeen, ErrorKind, Estimate, FaceOutcome, Hint,
-    LaserId, Outcome, Px, Reject, Straightness, SurfacePoint, Volume, Warning, WarningKind,
-};
+use boxline::{ErrorKind, Estimate, FaceOutcome, Hint, LaserId, Outcome, Px, Reject, WarningKind};
 use boxline_proto::json::{face_json, parse_calibration, parse_recording, report_json};
 use boxline_proto::message::{
     DecodedReport, decode_calibration, decode_recording, decode_report, encode_calibration, encode_recording,
