@@ -1,4 +1,4 @@
-//! All unsafe code of this crate: contexts, handles and transfers of libusb behind safe types.
+//! All unsafe code of this crate: `rusb` has contexts, devices and handles, and here are the asynchronous transfers that it lacks.
 //!
 //! A transfer that is in flight belongs to libusb; its callback gives it back. So none can be freed before its callback ran, however a
 //! stream ends. One thread for each handle runs libusb's events; everything else waits on queues, always with a limit. What Linux makes
@@ -7,7 +7,7 @@
 #![allow(unsafe_code)]
 
 use crate::{Error, ErrorKind};
-use libusb1_sys as ffi;
+use rusb::{UsbContext, ffi};
 use std::collections::VecDeque;
 use std::ffi::{c_int, c_uint};
 use std::os::fd::{AsRawFd, BorrowedFd, OwnedFd};
@@ -28,35 +28,42 @@ const CLOSE_LIMIT: Duration = Duration::from_secs(1);
 
 /// What libusb says to a call.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Code(c_int);
+pub(crate) struct Code(rusb::Error);
 
 impl Code {
-    fn check(code: c_int) -> Result<c_int, Self> {
-        if code < 0 { Err(Self(code)) } else { Ok(code) }
+    /// Of a call that `rusb` does not make.
+    fn of(code: c_int) -> Self {
+        use ffi::constants::*;
+        Self(match code {
+            LIBUSB_ERROR_NO_DEVICE => rusb::Error::NoDevice,
+            LIBUSB_ERROR_ACCESS => rusb::Error::Access,
+            LIBUSB_ERROR_BUSY => rusb::Error::Busy,
+            LIBUSB_ERROR_NO_MEM => rusb::Error::NoMem,
+            _ => rusb::Error::Io,
+        })
     }
 
     /// In words of this crate; `what` was tried.
     pub fn error(self, what: impl std::fmt::Display) -> Error {
-        use ffi::constants::*;
         let (kind, text) = match self.0 {
-            LIBUSB_ERROR_NO_DEVICE => (ErrorKind::DeviceLost, "the device is gone"),
-            LIBUSB_ERROR_NOT_FOUND => (ErrorKind::NotFound, "not found"),
-            LIBUSB_ERROR_ACCESS => (ErrorKind::PermissionDenied, "the system does not allow it"),
-            LIBUSB_ERROR_BUSY => (ErrorKind::DeviceBusy, "another program or driver holds it"),
-            LIBUSB_ERROR_TIMEOUT => (ErrorKind::Timeout, "no answer in time"),
-            LIBUSB_ERROR_PIPE => (ErrorKind::Refused, "the device refused"),
-            LIBUSB_ERROR_OVERFLOW => (ErrorKind::Protocol, "the device sent more than was asked for"),
-            LIBUSB_ERROR_NO_MEM => (ErrorKind::Io, "the system has no memory for it"),
+            rusb::Error::NoDevice => (ErrorKind::DeviceLost, "the device is gone"),
+            rusb::Error::NotFound => (ErrorKind::NotFound, "not found"),
+            rusb::Error::Access => (ErrorKind::PermissionDenied, "the system does not allow it"),
+            rusb::Error::Busy => (ErrorKind::DeviceBusy, "another program or driver holds it"),
+            rusb::Error::Timeout => (ErrorKind::Timeout, "no answer in time"),
+            rusb::Error::Pipe => (ErrorKind::Refused, "the device refused"),
+            rusb::Error::Overflow => (ErrorKind::Protocol, "the device sent more than was asked for"),
+            rusb::Error::NoMem => (ErrorKind::Io, "the system has no memory for it"),
             _ => (ErrorKind::Io, "the system's USB layer failed"),
         };
-        Error::new(kind, format!("{what}: {text} (libusb {})", self.0))
+        Error::new(kind, format!("{what}: {text} (libusb: {})", self.0))
     }
 
-    const LATE: Self = Self(ffi::constants::LIBUSB_ERROR_TIMEOUT);
+    const LATE: Self = Self(rusb::Error::Timeout);
 
     /// The device is not there any more.
     pub fn is_gone(&self) -> bool {
-        self.0 == ffi::constants::LIBUSB_ERROR_NO_DEVICE
+        self.0 == rusb::Error::NoDevice
     }
 
     /// The limit was over before there was an answer.
@@ -68,14 +75,6 @@ impl Code {
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
-
-/// A libusb context; freed when the last handle and list of it are gone.
-struct Context(NonNull<ffi::libusb_context>);
-
-// SAFETY: libusb's contexts may be used from all threads at once (libusb manual, "Multi-threaded applications").
-unsafe impl Send for Context {}
-// SAFETY: as above.
-unsafe impl Sync for Context {}
 
 #[repr(C)]
 struct InitOption {
@@ -92,32 +91,28 @@ unsafe extern "C" {
     ) -> c_int;
 }
 
-impl Context {
-    /// Without discovery it never looks at /dev/bus/usb, which an Android app may not do.
-    fn new(discovery: bool) -> Result<Self, Error> {
-        let option =
-            InitOption { option: ffi::constants::LIBUSB_OPTION_NO_DEVICE_DISCOVERY as c_int, value: 0 };
-        let mut raw = ptr::null_mut();
-        // SAFETY: `raw` and `option` live during the call; the count is that of options behind the pointer.
-        let code = unsafe { libusb_init_context(&mut raw, &option, c_int::from(!discovery)) };
-        Code::check(code).map_err(|code| {
-            code.error("starting libusb, which needs /dev/bus/usb and the uevents of the kernel")
-        })?;
-        NonNull::new(raw).map(Self).ok_or_else(|| Error::new(ErrorKind::Io, "starting libusb: no context"))
+/// A context that never looks at /dev/bus/usb, which an Android app may not do. `rusb::disable_device_discovery` would say so for all
+/// contexts of the process.
+fn without_discovery() -> Result<rusb::Context, Code> {
+    let option = InitOption { option: ffi::constants::LIBUSB_OPTION_NO_DEVICE_DISCOVERY as c_int, value: 0 };
+    let mut raw = ptr::null_mut();
+    // SAFETY: `raw` and `option` live during the call; the count is that of options behind the pointer. A context that was made is
+    // not null, and nobody else has it.
+    unsafe {
+        match libusb_init_context(&mut raw, &option, 1) {
+            0 => Ok(rusb::Context::from_raw(raw)),
+            code => Err(Code::of(code)),
+        }
     }
 }
 
-impl Drop for Context {
-    fn drop(&mut self) {
-        // SAFETY: created by libusb_init_context; all handles and devices of it hold an Arc to this and are gone.
-        unsafe { ffi::libusb_exit(self.0.as_ptr()) }
-    }
+fn starting(code: Code) -> Error {
+    code.error("starting libusb, which needs /dev/bus/usb and the uevents of the kernel")
 }
 
 /// A device that the system shows.
 pub(crate) struct Listed {
-    context: Arc<Context>,
-    device: NonNull<ffi::libusb_device>,
+    device: rusb::Device<rusb::Context>,
     pub vendor_id: u16,
     pub product_id: u16,
     /// Bus and address.
@@ -126,80 +121,37 @@ pub(crate) struct Listed {
 
 /// All devices that the system shows.
 pub(crate) fn list() -> Result<Vec<Listed>, Error> {
-    let context = Arc::new(Context::new(true)?);
-    let mut raw: *const *mut ffi::libusb_device = ptr::null();
-    // SAFETY: `raw` lives during the call.
-    let count = unsafe { ffi::libusb_get_device_list(context.0.as_ptr(), &mut raw) };
-    let count = Code::check(c_int::try_from(count).unwrap_or(c_int::MAX))
-        .map_err(|code| code.error("listing devices"))?;
-    let mut devices = Vec::new();
-    for i in 0..usize::try_from(count).unwrap_or(0) {
-        // SAFETY: the list has `count` entries; each is a device with a reference, which passes to `Listed`.
-        let device = unsafe { *raw.add(i) };
-        let Some(device) = NonNull::new(device) else { continue };
-        // SAFETY: an all-zero descriptor is a valid value of this struct of integers.
-        let mut descriptor: ffi::libusb_device_descriptor = unsafe { std::mem::zeroed() };
-        // SAFETY: the device is alive; `descriptor` lives during the call; reading a cached descriptor cannot fail.
-        let place = unsafe {
-            ffi::libusb_get_device_descriptor(device.as_ptr(), &mut descriptor);
-            (ffi::libusb_get_bus_number(device.as_ptr()), ffi::libusb_get_device_address(device.as_ptr()))
-        };
-        devices.push(Listed {
-            context: context.clone(),
-            device,
-            vendor_id: descriptor.idVendor,
-            product_id: descriptor.idProduct,
-            place,
-        });
-    }
-    // SAFETY: the list came from libusb_get_device_list; 0 keeps the references that were handed out above.
-    unsafe { ffi::libusb_free_device_list(raw, 0) };
-    Ok(devices)
+    let context = rusb::Context::new().map_err(|e| starting(Code(e)))?;
+    let devices = context.devices().map_err(|e| Code(e).error("listing devices"))?;
+    let listed = |device: rusb::Device<rusb::Context>| {
+        let descriptor = device.device_descriptor().ok()?; // libusb has it: this cannot fail
+        let place = (device.bus_number(), device.address());
+        Some(Listed { vendor_id: descriptor.vendor_id(), product_id: descriptor.product_id(), place, device })
+    };
+    Ok(devices.iter().filter_map(listed).collect())
 }
 
 impl Listed {
     pub fn open(&self) -> Result<Handle, Error> {
-        let mut raw = ptr::null_mut();
-        // SAFETY: the device is alive; `raw` lives during the call.
-        let code = unsafe { ffi::libusb_open(self.device.as_ptr(), &mut raw) };
-        Code::check(code).map_err(|code| {
-            code.error(format!("opening the device {:03}/{:03}", self.place.0, self.place.1))
+        let opened = self.device.open().map_err(|e| {
+            Code(e).error(format!("opening the device {:03}/{:03}", self.place.0, self.place.1))
         })?;
-        Handle::new(self.context.clone(), raw, None)
-    }
-}
-
-impl Drop for Listed {
-    fn drop(&mut self) {
-        // SAFETY: this value owns one reference.
-        unsafe { ffi::libusb_unref_device(self.device.as_ptr()) }
+        Handle::new(opened, None)
     }
 }
 
 /// An open device, closed when the last user drops it.
 struct Open {
-    raw: NonNull<ffi::libusb_device_handle>,
-    context: Arc<Context>,
+    /// Every transfer in flight, every call and the event thread hold an Arc to this: when it is closed none is left.
+    handle: rusb::DeviceHandle<rusb::Context>,
     /// How many [`InUse`] there are.
     in_use: AtomicUsize,
     ending: AtomicBool,
     /// Whether somebody has the [`Turn`].
     turn: Mutex<bool>,
     turn_ended: Condvar,
-    /// A duplicate of the descriptor it was opened by. As a field it outlives what `drop` closes.
+    /// A duplicate of the descriptor it was opened by. As the last field it outlives the handle.
     _fd: Option<OwnedFd>,
-}
-
-// SAFETY: libusb's handles may be used from all threads at once.
-unsafe impl Send for Open {}
-// SAFETY: as above.
-unsafe impl Sync for Open {}
-
-impl Drop for Open {
-    fn drop(&mut self) {
-        // SAFETY: every transfer in flight, every call and the event thread hold an Arc to this, so none is left.
-        unsafe { ffi::libusb_close(self.raw.as_ptr()) };
-    }
 }
 
 /// A transfer that libusb holds, or a call that has not returned: until there is none, events are handled and the device stays open.
@@ -250,29 +202,17 @@ impl Handle {
         let fd = fd
             .try_clone_to_owned()
             .map_err(|e| Error::new(ErrorKind::Io, format!("duplicating the device's descriptor: {e}")))?;
-        let context = Arc::new(Context::new(false)?);
-        let mut raw = ptr::null_mut();
-        // SAFETY: libusb takes the descriptor's number in the place of a pointer; `raw` lives during the call; the descriptor
-        // is ours and outlives the handle.
-        let code = unsafe {
-            ffi::libusb_wrap_sys_device(context.0.as_ptr(), fd.as_raw_fd() as isize as *mut c_int, &mut raw)
-        };
-        Code::check(code).map_err(|code| code.error("opening the device by its descriptor"))?;
-        Self::new(context, raw, Some(fd))
+        let context = without_discovery().map_err(starting)?;
+        // SAFETY: the descriptor is ours and outlives the handle.
+        let opened = unsafe { context.open_device_with_fd(fd.as_raw_fd()) };
+        Self::new(opened.map_err(|e| Code(e).error("opening the device by its descriptor"))?, Some(fd))
     }
 
-    fn new(
-        context: Arc<Context>,
-        raw: *mut ffi::libusb_device_handle,
-        fd: Option<OwnedFd>,
-    ) -> Result<Self, Error> {
-        let raw = NonNull::new(raw).ok_or_else(|| Error::new(ErrorKind::Io, "libusb opened nothing"))?;
+    fn new(handle: rusb::DeviceHandle<rusb::Context>, fd: Option<OwnedFd>) -> Result<Self, Error> {
         // Where the kernel's own driver holds an interface it is put aside while we have it. Not supported everywhere.
-        // SAFETY: the handle is open.
-        unsafe { ffi::libusb_set_auto_detach_kernel_driver(raw.as_ptr(), 1) };
+        handle.set_auto_detach_kernel_driver(true).ok();
         let open = Arc::new(Open {
-            raw,
-            context,
+            handle,
             in_use: AtomicUsize::new(0),
             ending: AtomicBool::new(false),
             turn: Mutex::new(false),
@@ -281,17 +221,9 @@ impl Handle {
         });
         let mut handle = Self { open: open.clone(), events: None };
         let run = move || {
-            let nap = libc::timeval { tv_sec: 0, tv_usec: EVENT_NAP.as_micros() as libc::suseconds_t };
             while !open.ending.load(Ordering::Acquire) || open.in_use.load(Ordering::Acquire) > 0 {
-                // SAFETY: `open` keeps the context alive; `nap` lives during the call.
-                let code = unsafe {
-                    ffi::libusb_handle_events_timeout_completed(
-                        open.context.0.as_ptr(),
-                        &nap,
-                        ptr::null_mut(),
-                    )
-                };
-                if code < 0 && code != ffi::constants::LIBUSB_ERROR_INTERRUPTED {
+                let handled = open.handle.context().handle_events(Some(EVENT_NAP));
+                if handled.is_err_and(|e| e != rusb::Error::Interrupted) {
                     std::thread::sleep(Duration::from_millis(1)); // a lasting failure must not burn the processor
                 }
             }
@@ -303,46 +235,40 @@ impl Handle {
     }
 
     pub fn claim(&self, interface: u8) -> Result<(), Code> {
-        // SAFETY: the handle is open.
-        self.call(CLAIM_LIMIT, move |raw| unsafe { ffi::libusb_claim_interface(raw, interface.into()) })
+        self.call(CLAIM_LIMIT, move |handle| handle.claim_interface(interface))
     }
 
     pub fn release(&self, interface: u8) -> Result<(), Code> {
-        // SAFETY: the handle is open.
-        self.call(KERNEL_LIMIT, move |raw| unsafe { ffi::libusb_release_interface(raw, interface.into()) })
+        self.call(KERNEL_LIMIT, move |handle| handle.release_interface(interface))
     }
 
     pub fn set_alternate(&self, interface: u8, setting: u8) -> Result<(), Code> {
-        self.call(KERNEL_LIMIT, move |raw| {
-            // SAFETY: the handle is open.
-            unsafe { ffi::libusb_set_interface_alt_setting(raw, interface.into(), setting.into()) }
-        })
+        self.call(KERNEL_LIMIT, move |handle| handle.set_alternate_setting(interface, setting))
     }
 
     pub fn clear_halt(&self, endpoint: u8) -> Result<(), Code> {
-        // SAFETY: the handle is open.
-        self.call(KERNEL_LIMIT, move |raw| unsafe { ffi::libusb_clear_halt(raw, endpoint) })
+        self.call(KERNEL_LIMIT, move |handle| handle.clear_halt(endpoint))
     }
 
     /// Makes a call in which Linux waits for the device. If it does not return in time it goes on without anybody waiting.
     fn call(
         &self,
         limit: Duration,
-        call: impl FnOnce(*mut ffi::libusb_device_handle) -> c_int + Send + 'static,
+        call: impl FnOnce(&rusb::DeviceHandle<rusb::Context>) -> rusb::Result<()> + Send + 'static,
     ) -> Result<(), Code> {
         let end = Instant::now() + limit;
         let turn = Turn::take(&self.open, limit)?;
         let (tell, told) = mpsc::channel();
         let run = move || {
-            let code = call(turn.0.0.raw.as_ptr());
+            let result = call(&turn.0.0.handle);
             drop(turn); // before the caller goes on, who may close the device
-            tell.send(code).ok(); // the caller may have given up
+            tell.send(result).ok(); // the caller may have given up
         };
         let Ok(_detached) = std::thread::Builder::new().name("usb call".into()).spawn(run) else {
-            return Err(Code(ffi::constants::LIBUSB_ERROR_NO_MEM));
+            return Err(Code(rusb::Error::NoMem));
         };
         match told.recv_timeout(end.saturating_duration_since(Instant::now())) {
-            Ok(code) => Code::check(code).map(drop),
+            Ok(result) => result.map_err(Code),
             Err(_) => Err(Code::LATE),
         }
     }
@@ -385,10 +311,10 @@ impl Handle {
                 Ok(done.buffer[SETUP_BYTES..SETUP_BYTES + got].to_vec())
             }
             Status::TimedOut => Err(Code::LATE),
-            Status::Stall => Err(Code(ffi::constants::LIBUSB_ERROR_PIPE)),
-            Status::Gone | Status::Cancelled => Err(Code(ffi::constants::LIBUSB_ERROR_NO_DEVICE)),
-            Status::Overflow => Err(Code(ffi::constants::LIBUSB_ERROR_OVERFLOW)),
-            Status::Failed => Err(Code(ffi::constants::LIBUSB_ERROR_IO)),
+            Status::Stall => Err(Code(rusb::Error::Pipe)),
+            Status::Gone | Status::Cancelled => Err(Code(rusb::Error::NoDevice)),
+            Status::Overflow => Err(Code(rusb::Error::Overflow)),
+            Status::Failed => Err(Code(rusb::Error::Io)),
         }
     }
 
@@ -401,8 +327,7 @@ impl Handle {
 impl Drop for Handle {
     fn drop(&mut self) {
         self.open.ending.store(true, Ordering::Release);
-        // SAFETY: the context is alive.
-        unsafe { ffi::libusb_interrupt_event_handler(self.open.context.0.as_ptr()) };
+        self.open.handle.context().interrupt_handle_events();
         let end = Instant::now() + CLOSE_LIMIT;
         let Some(events) = self.events.take() else { return };
         while !events.is_finished() && Instant::now() < end {
@@ -471,7 +396,7 @@ impl Transfer {
     fn new(buffer: Vec<u8>, packets: usize) -> Result<Box<Self>, Code> {
         // SAFETY: no conditions; null is handled.
         let raw = unsafe { ffi::libusb_alloc_transfer(c_int::try_from(packets).unwrap_or(c_int::MAX)) };
-        let raw = NonNull::new(raw).ok_or(Code(ffi::constants::LIBUSB_ERROR_NO_MEM))?;
+        let raw = NonNull::new(raw).ok_or(Code(rusb::Error::NoMem))?;
         let packet_bytes = buffer.len().checked_div(packets).unwrap_or(0);
         Ok(Box::new(Self {
             raw,
@@ -509,7 +434,7 @@ impl Transfer {
         // `length` bytes and moves with the box to the callback; `whole` is given back there, or below if libusb refuses.
         let code = unsafe {
             let t = raw.as_ptr();
-            (*t).dev_handle = open.raw.as_ptr();
+            (*t).dev_handle = open.handle.as_raw();
             (*t).flags = 0;
             (*t).endpoint = (*whole).endpoint;
             (*t).transfer_type = (*whole).kind;
@@ -522,14 +447,14 @@ impl Transfer {
             ffi::libusb_set_iso_packet_lengths(t, (*whole).packet_bytes as c_uint);
             ffi::libusb_submit_transfer(t)
         };
-        match Code::check(code) {
-            Ok(_) => Ok(()),
-            Err(code) => {
+        match code {
+            0 => Ok(()),
+            code => {
                 lock(&queue.state).alive.retain(|name| name.0 != raw);
                 // SAFETY: libusb refused the transfer, so its callback will never run and the box is ours again.
                 let mut back = unsafe { Box::from_raw(whole) };
                 back.flight = None;
-                Err((back, code))
+                Err((back, Code::of(code)))
             }
         }
     }
