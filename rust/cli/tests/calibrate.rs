@@ -165,7 +165,8 @@ fn a_good_set_gives_calibration_report_and_provenance() {
         let off = found["camera"][key].as_f64().unwrap() - truth["camera"][key].as_f64().unwrap();
         assert!(off.abs() < 0.5, "{key} is off by {off} px");
     }
-    assert_eq!(found["covariance"].as_array().unwrap().len(), 18);
+    // Also of p1, p2, k3, which the frames did not choose: they may be something else than 0.
+    assert_eq!(found["covariance"].as_array().unwrap().len(), 21);
     let provenance = &found["provenance"];
     assert!(provenance["program"].as_str().unwrap().starts_with("boxline "));
     assert_eq!(provenance["date"].as_str().unwrap().len(), "2026-01-01T00:00:00Z".len());

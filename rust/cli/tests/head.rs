@@ -36,6 +36,23 @@ fn a_capture_without_a_head_leaves_nothing() {
 }
 
 #[test]
+fn a_live_calibration_without_a_head_leaves_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (keep, output) = (at("frames"), at("calibration.json"));
+    let live = ["calibrate", "--live", "-o", &output, "--keep", &keep];
+    fails(&live, "--board");
+    let board = ["--board", "12x11:100:50"];
+    fails(&[&live[..], &board, &["--device", "NO-SUCH-HEAD-0000"]].concat(), "error: ");
+    fails(&[&live[..], &board, &["--frames", "5"]].concat(), "5");
+    fails(&["calibrate", "-o", &output], "FOLDER");
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    std::fs::create_dir(&keep).unwrap();
+    std::fs::write(folder.path().join("frames/recording.json"), "{}").unwrap();
+    fails(&[&live[..], &board].concat(), "is a recording");
+}
+
+#[test]
 fn a_recording_is_offered_to_usbip() {
     let recording = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/b02");
     is_offered(&["emulate", recording.to_str().unwrap()]);

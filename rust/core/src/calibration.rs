@@ -19,7 +19,8 @@ pub const CAMERA: [usize; 9] = [0, 1, 2, 3, 4, 5, 18, 19, 20];
 /// The planes of one pair differ by more, as parts of 1 / distance.
 const LEAST_DIFFERENCE: f64 = 0.01;
 
-/// Covariance of a calibration's parameters. Terms that the lens has not are known to be 0: no variance.
+/// Covariance of a calibration's parameters. A term of the lens without variance is known to be 0; one that is 0 and has a variance was not
+/// needed by the frames, and may be something else.
 pub type CalibrationCovariance = SMatrix<f64, PARAMETERS, PARAMETERS>;
 
 /// A head's calibration. Built only by [`Calibration::new`], which checks every number.

@@ -432,6 +432,7 @@ fn lens_json(lens: LensTerms, trials: &[LensTrial]) -> Value {
             "terms": trial.terms.name(),
             "left_out_rms_px": trial.left_out_rms_px,
             "log_likelihood_gain": trial.gain,
+            "by_fit": trial.by_fit,
         })
     });
     json!({"terms": lens.name(), "tried": tried.collect::<Vec<_>>()})
@@ -440,8 +441,12 @@ fn lens_json(lens: LensTerms, trials: &[LensTrial]) -> Value {
 /// Which terms the lens has, and why.
 pub fn lens_text(lens: LensTerms, trials: &[LensTrial]) -> String {
     let tried = trials.iter().map(|trial| {
-        let gain = trial.gain.map_or(String::new(), |gain| format!(" (log-likelihood {gain:+.1})"));
-        format!("{}: {:.4} px{gain}", trial.terms.name(), trial.left_out_rms_px)
+        let why = match trial.gain {
+            Some(gain) => format!(" (log-likelihood {gain:+.1})"),
+            None if trial.by_fit => " (taken: without all of them the lens does not fit)".to_owned(),
+            None => String::new(),
+        };
+        format!("{}: {:.4} px{why}", trial.terms.name(), trial.left_out_rms_px)
     });
     let tried: Vec<String> = tried.collect();
     if tried.is_empty() {

@@ -67,6 +67,8 @@ pub struct LensTrial {
     /// By how much the logarithm of the left-out frames' likelihood, but for the frame that gains most, rises against that with the terms
     /// before; `None` of the first.
     pub gain: Option<f64>,
+    /// Taken because what the terms before left had the shape of a lens, and with these no longer has.
+    pub by_fit: bool,
 }
 
 /// Parts into which frames are divided; each is left out once.
@@ -89,14 +91,19 @@ pub(super) fn choose(shared: &Shared, frames: &[FrameSeen], fixed: Fixed) -> (Le
     let of_terms = |terms: LensTerms| left_out(shared, frames, Fixed { lens: terms, ..fixed }, &spread);
     let mut terms = LensTerms::PAPER;
     let Some(mut errors) = of_terms(terms) else { return (terms, Vec::new()) };
-    let mut trials = vec![LensTrial { terms, left_out_rms_px: rms_px(&errors), gain: None }];
+    let mut trials = vec![LensTrial { terms, left_out_rms_px: rms_px(&errors), gain: None, by_fit: false }];
     loop {
         let more = [LensTerms { decentred: true, k3: false }, LensTerms { decentred: false, k3: true }];
         let wider = more.map(|added| terms.with(added)).into_iter().filter(|wider| *wider != terms);
         let tried = wider.filter_map(|wider| {
             let found = of_terms(wider)?;
             let gain = gain(&errors, &found);
-            trials.push(LensTrial { terms: wider, left_out_rms_px: rms_px(&found), gain: Some(gain) });
+            trials.push(LensTrial {
+                terms: wider,
+                left_out_rms_px: rms_px(&found),
+                gain: Some(gain),
+                by_fit: false,
+            });
             Some((gain, wider, found))
         });
         match tried.filter(|(gain, ..)| *gain > LEAST_GAIN).max_by(|a, b| a.0.total_cmp(&b.0)) {
@@ -104,6 +111,12 @@ pub(super) fn choose(shared: &Shared, frames: &[FrameSeen], fixed: Fixed) -> (Le
             None => return (terms, trials),
         }
     }
+}
+
+/// All terms, taken because they fit.
+pub(super) fn by_fit(shared: &Shared, frames: &[FrameSeen], fixed: Fixed) -> Option<LensTrial> {
+    let errors = left_out(shared, frames, fixed, &scatter(shared, frames))?;
+    Some(LensTrial { terms: fixed.lens, left_out_rms_px: rms_px(&errors), gain: None, by_fit: true })
 }
 
 /// Each frame's error with the camera that the others give, its own pose fitted; `None` if they give none.

@@ -7,7 +7,7 @@ use super::adjust::{
 use super::board::{Board, BoardView, Circle, OnBoard};
 use super::judge;
 use super::lens::{self, LensChoice, LensTerms, LensTrial};
-use super::misfit::{self, Misfit};
+use super::misfit::{self, Misfit, MisfitKind};
 use super::model::Shared;
 use super::planes::{self, StripesInSpace};
 use super::reject::{CalibrationReject, FrameReject};
@@ -153,7 +153,33 @@ impl CameraSolution {
     ///
     /// # Errors
     /// [`CalibrationReject::NoSolution`].
-    pub fn alone(mut self) -> Result<CameraAlone, CalibrationReject> {
+    pub fn alone(self) -> Result<CameraAlone, CalibrationReject> {
+        self.with_lens_that_fits(Self::alone_with_its_lens, |found| &found.misfits)
+    }
+
+    /// Solves; where what is left has the shape of a lens and the frames choose the terms, solves with all of them too, and takes that if
+    /// it then fits: frames left out of the fit ask for more than chance on all of them, which one corner of the picture may not give.
+    fn with_lens_that_fits<T>(
+        mut self,
+        solve: impl Fn(Self) -> Result<T, CalibrationReject>,
+        misfits: impl Fn(&T) -> &[Misfit],
+    ) -> Result<T, CalibrationReject> {
+        let found = solve(self.clone())?;
+        let fits = |found: &T| misfits(found).iter().all(|misfit| misfit.kind != MisfitKind::Lens);
+        let may_choose = self.settings.lens == LensChoice::ByData && self.lens != LensTerms::BROWN;
+        if fits(&found) || !may_choose {
+            return Ok(found);
+        }
+        self.lens = LensTerms::BROWN;
+        let trial = self
+            .adjust_camera()
+            .and_then(|()| lens::by_fit(&self.shared, &self.used_frames(), self.fixed(false, true)));
+        let Some(trial) = trial else { return Ok(found) };
+        self.trials.push(trial);
+        Ok(solve(self).ok().filter(fits).unwrap_or(found))
+    }
+
+    fn alone_with_its_lens(mut self) -> Result<CameraAlone, CalibrationReject> {
         let unsolved = || CalibrationReject::NoSolution { rms_px: f64::INFINITY, limit_px: MAX_RMS_PX };
         let fixed = self.fixed(false, true);
         let mut used = self.used_frames();
@@ -355,6 +381,13 @@ pub struct CalibrationSolution {
 /// # Errors
 /// [`CalibrationReject`] with what is missing.
 pub fn solve_all(
+    solution: CameraSolution,
+    stripes: &[Vec<BoardStripe>],
+) -> Result<CalibrationSolution, CalibrationReject> {
+    solution.with_lens_that_fits(|solution| solve_with_its_lens(solution, stripes), |found| &found.misfits)
+}
+
+fn solve_with_its_lens(
     mut solution: CameraSolution,
     stripes: &[Vec<BoardStripe>],
 ) -> Result<CalibrationSolution, CalibrationReject> {
