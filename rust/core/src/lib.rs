@@ -72,6 +72,7 @@ pub mod reject;
 pub mod report;
 mod scene;
 pub mod sides;
+mod statistics;
 mod stripe;
 pub mod trace;
 pub mod units;

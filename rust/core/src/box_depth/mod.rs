@@ -27,6 +27,7 @@
 mod tests;
 mod trail;
 
+use crate::statistics::median;
 use crate::calibration::Calibration;
 use crate::image::Frame;
 use crate::measurement::{BoxMeasurement, DepthSeen, FaceMeasurement};
@@ -218,12 +219,7 @@ fn passes(places: &[Place], range: &Range<f64>) -> bool {
     let around = 3.0 * (range.end - mid);
     let lights =
         |reach_mm: f64| places.iter().filter(move |p| (p.depth_mm - mid).abs() <= reach_mm).map(|p| p.light);
-    let mut usual: Vec<f64> = lights(around).collect();
-    if usual.is_empty() {
-        return false;
-    }
-    let half = usual.len() / 2;
-    let usual = *usual.select_nth_unstable_by(half, f64::total_cmp).1;
+    let Some(usual) = median(lights(around)) else { return false };
     lights(range.end - mid).all(|light| light > LEAST_LIGHT * usual)
 }
 

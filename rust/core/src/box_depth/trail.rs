@@ -4,6 +4,7 @@ use crate::calibration::Calibration;
 use crate::frames::Point;
 use crate::image::Frame;
 use crate::measurement::FaceMeasurement;
+use crate::statistics::{median, robust_sigma};
 use crate::stripe::colour_projection::ColourProjection;
 use crate::units::LaserId;
 use nalgebra::{Matrix2, Vector2, Vector3};
@@ -183,9 +184,7 @@ impl StripePath {
         }
         let (found, line) = best?;
         // The same sums along lines beside it.
-        let mut others: Vec<f64> = paper.beside_px().map(|offset| sum(&|_| offset).abs()).collect();
-        let half = others.len() / 2;
-        let scatter = *others.select_nth_unstable_by(half, f64::total_cmp).1 / 0.6745;
+        let scatter = robust_sigma(paper.beside_px().map(|offset| sum(&|_| offset)))?;
         let line = self.refined(line, &responses[..last], first, paper.foot_px)?;
         let offset = of_line(line);
         let place = |(i, s): (usize, &Step)| {
@@ -197,9 +196,7 @@ impl StripePath {
             Place { depth_mm: s.depth_mm, step_mm: s.step_mm, strength, light }
         };
         let places: Vec<Place> = self.steps.iter().enumerate().map(place).collect();
-        let mut up_to: Vec<f64> = places[first..last].iter().map(|p| p.strength).collect();
-        let middle = up_to.len() / 2;
-        let usual = *up_to.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let usual = median(places[first..last].iter().map(|p| p.strength))?;
         let tried = ((2 * offs + 1) * (2 * turns + 1)) as usize;
         (usual > 0.0).then_some(Lit { places, usual, significance: found / scatter.max(1.0), tried })
     }
@@ -266,15 +263,10 @@ impl Response {
 /// Mean and standard deviation of the filter beside the trail around place `i`, robust.
 fn beside(responses: &[Response], i: usize, paper: &FramedStripe) -> (f64, f64) {
     let around = &responses[i.saturating_sub(4)..(i + 5).min(responses.len())];
-    let mut values: Vec<f64> = around.iter().flat_map(|r| paper.beside_px().map(|o| r.at(o))).collect();
-    let middle = values.len() / 2;
-    if values.is_empty() {
-        return (0.0, f64::INFINITY);
-    }
-    let median = *values.select_nth_unstable_by(middle, f64::total_cmp).1;
-    values.iter_mut().for_each(|v| *v = (*v - median).abs());
-    let spread = *values.select_nth_unstable_by(middle, f64::total_cmp).1 / 0.6745;
-    (median, spread.max(FLOOR))
+    let values: Vec<f64> = around.iter().flat_map(|r| paper.beside_px().map(|o| r.at(o))).collect();
+    let middle = median(values.iter().copied());
+    let spread = middle.and_then(|middle| robust_sigma(values.iter().map(|value| value - middle)));
+    middle.zip(spread).map_or((0.0, f64::INFINITY), |(middle, spread)| (middle, spread.max(FLOOR)))
 }
 
 impl FramedStripe<'_> {

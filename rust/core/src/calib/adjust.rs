@@ -8,9 +8,9 @@
 use super::board::OnBoard;
 use super::lens::LensTerms;
 use super::model::{POSE, Row, SHARED, SKEW, Shared, centre_rows, moved, stripe_row};
-use super::rim::median;
 use crate::calibration::{CalibrationCovariance, PARAMETERS};
 use crate::frames::{Cam, Pose};
+use crate::statistics::{TUKEY, median, robust_sigma, tukey_weight};
 use crate::units::Px;
 use nalgebra::{SMatrix, SVector, Vector2};
 
@@ -72,7 +72,6 @@ pub(super) enum Loss {
 }
 
 const HUBER: f64 = 1.345;
-pub(super) const TUKEY: f64 = 4.685;
 const ITERATIONS: usize = 40;
 /// A step below this many sigmas in every shared unknown is the end.
 const CONVERGED_SIGMAS: f64 = 1e-3;
@@ -80,7 +79,7 @@ const CONVERGED_SIGMAS: f64 = 1e-3;
 pub(super) fn weight(t: f64, loss: Loss) -> f64 {
     match loss {
         Loss::Huber => (HUBER / t.abs().max(HUBER)).min(1.0),
-        Loss::Tukey => (1.0 - (t / TUKEY).powi(2)).max(0.0).powi(2),
+        Loss::Tukey => tukey_weight(t),
     }
 }
 
@@ -315,7 +314,7 @@ pub(super) fn scatter(shared: &Shared, frames: &[FrameSeen]) -> Scatter {
         centre_runs.push(c.iter().map(|r| r.x).collect());
         centre_runs.push(c.iter().map(|r| r.y).collect());
     }
-    let scale = |all: &[f64]| median(all.iter().map(|x| x.abs())).map_or(1.0, |m| (m / 0.6745).max(1e-3));
+    let scale = |all: &[f64]| robust_sigma(all.iter().copied()).map_or(1.0, |sigma| sigma.max(1e-3));
     let (centres, stripes) = (scale(&centres), scale(&stripes));
     Scatter {
         centres,
@@ -353,8 +352,8 @@ pub(super) fn own_sigmas(shared: &Shared, frames: &mut [FrameSeen]) {
         let sizes = centres
             .iter()
             .zip(&frame.centres)
-            .flat_map(|(r, seen)| [r.x, r.y].map(|x| (x / seen.sigma_px).abs()));
-        let Some(scale) = median(sizes).map(|m| (m / 0.6745).clamp(0.2, 20.0)) else { continue };
+            .flat_map(|(r, seen)| [r.x, r.y].map(|x| x / seen.sigma_px));
+        let Some(scale) = robust_sigma(sizes).map(|sigma| sigma.clamp(0.2, 20.0)) else { continue };
         if frame.centres.len() >= MIN_OWN {
             frame.centres.iter_mut().for_each(|c| c.sigma_px *= scale);
         }

@@ -4,8 +4,9 @@ use super::blobs::dark_blobs;
 use super::board::{Board, BoardView, Circle};
 use super::grid::largest_grid;
 use super::reject::FrameReject;
-use super::rim::{find_rim, median};
+use super::rim::find_rim;
 use crate::image::Frame;
+use crate::statistics::median;
 
 /// Fewest circles of a frame: 6 unknowns of its pose leave 12 equations to check it and to tell about the camera.
 pub const MIN_CIRCLES: usize = 9;

@@ -6,9 +6,10 @@ use super::board::{Board, BoardView, OnBoard};
 use super::model::px_per_mm;
 use super::planes::StripesInSpace;
 use super::reject::CalibrationReject;
-use super::rim::{centre_from_rim, median};
+use super::rim::centre_from_rim;
 use crate::camera::CameraModel;
 use crate::frames::{Cam, Pose};
+use crate::statistics::median;
 use crate::units::LaserId;
 
 /// Two frames must be tilted at least so far: below, focal length and distance go together (the first is then known to

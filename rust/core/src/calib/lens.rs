@@ -1,7 +1,8 @@
 //! Which terms the lens needs: the paper's two, and more where they lower the error on frames that were left out of the fit by more than
 //! chance. A term that is not needed costs accuracy: what it takes from noise, boxes get.
 
-use super::adjust::{Fixed, FrameSeen, Loss, Scatter, TUKEY, adjust, residuals, scatter};
+use crate::statistics::TUKEY;
+use super::adjust::{Fixed, FrameSeen, Loss, Scatter, adjust, residuals, scatter};
 use super::model::Shared;
 
 /// Terms of the distortion beyond the paper's k1 and k2.

@@ -10,10 +10,10 @@ use super::adjust::{
 };
 use super::lens::LensTerms;
 use super::model::{POSE, Row, SHARED, Shared, centre_rows, point_on_board, px_by_point, stripe_row};
-use super::rim::median;
 use super::uncertainty::CalibrationStep;
 use crate::calibration::{CalibrationCovariance, PLANES};
 use crate::eigen::symmetric_eigen;
+use crate::statistics::robust_sigma;
 use crate::units::Px;
 use nalgebra::{DMatrix, DVector, Matrix2, SMatrix, SVector, Vector2, Vector3};
 
@@ -490,10 +490,10 @@ impl Solved {
         let off = self.frames.iter().flat_map(|frame| {
             let (centres, _) = residuals(&self.shared, frame);
             let against = |w: &[Vector2<f64>]| w[1] - 0.5 * (w[0] + w[2]);
-            centres.windows(3).map(against).flat_map(|d| [d.x.abs(), d.y.abs()]).collect::<Vec<_>>()
+            centres.windows(3).map(against).flat_map(|d| [d.x, d.y]).collect::<Vec<_>>()
         });
         // Of one and half a variance.
-        median(off).map_or(0.0, |m| m / 0.6745 / 1.5f64.sqrt())
+        robust_sigma(off).map_or(0.0, |sigma| sigma / 1.5f64.sqrt())
     }
 
     /// Solved again, from `near`, with observations from which patterns of these values are taken.

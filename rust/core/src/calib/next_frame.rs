@@ -8,6 +8,7 @@ use super::uncertainty::{side_sigma_mm, usual_distance_mm};
 use super::{adjust, rim};
 use crate::calibration::CalibrationCovariance;
 use crate::frames::{Cam, Point, Pose, Ray};
+use crate::statistics::median;
 use crate::units::Px;
 use nalgebra::{Rotation3, SMatrix, SVector, Vector2, Vector3};
 
@@ -72,7 +73,7 @@ fn imagined(solution: &CalibrationSolution, distance_mm: f64, tilt_deg: f64, tow
     let project = |at: Vector2<f64>| {
         solution.camera.px_from_point(&pose.transform(&Point::new(at.x, at.y, 0.0))).filter(inside)
     };
-    let mean = |values: &mut dyn Iterator<Item = f64>| rim::median(values).unwrap_or(0.1);
+    let mean = |values: &mut dyn Iterator<Item = f64>| median(values).unwrap_or(0.1);
     let centre_sigma = mean(&mut solution.next.iter().flat_map(|f| f.centres.iter().map(|c| c.sigma_px)));
     let stripe_sigma = mean(&mut solution.next.iter().flat_map(|f| f.stripes.iter().map(|s| s.sigma_px)));
     let mut frame = FrameSeen { pose, centres: Vec::new(), stripes: Vec::new() };

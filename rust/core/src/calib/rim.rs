@@ -12,6 +12,7 @@ use crate::camera::CameraModel;
 use crate::eigen::symmetric_eigen;
 use crate::frames::{Cam, Pose, Ray};
 use crate::image::Frame;
+use crate::statistics::{TUKEY, median, robust_sigma, tukey_weight};
 use crate::units::Px;
 use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3};
 
@@ -34,8 +35,6 @@ const MAX_RMS_PX: f64 = 0.5;
 const MAX_RMS_RADII: f64 = 0.03;
 /// About one of so many neighbouring rim points is independent: interpolation and JPEG tie them together.
 const CORRELATION: f64 = 2.0;
-/// Tukey's constant: 95 % efficiency for normal residuals.
-const TUKEY: f64 = 4.685;
 
 /// A rim as found.
 pub(super) struct Rim {
@@ -106,7 +105,7 @@ pub(super) fn find_rim(frame: &Frame, blob: &Blob) -> Option<Rim> {
         return None;
     }
     let (centre, shape, residuals) = fit_ellipse(&points, centre, shape)?;
-    let scatter = median(residuals.iter().map(|r| r.abs()))? / 0.6745;
+    let scatter = robust_sigma(residuals.iter().copied())?;
     let radius = shape.determinant().abs().sqrt();
     if scatter > MAX_RMS_PX.max(MAX_RMS_RADII * radius) {
         return None;
@@ -177,11 +176,11 @@ fn fit_ellipse(
                 (SVector::from([x, y, 1.0, x * x - y * y, 2.0 * x * y]), unit.norm() - 1.0)
             })
             .collect();
-        let scale = median(rows.iter().map(|(_, d)| d.abs()))?.max(1e-6) / 0.6745;
+        let scale = robust_sigma(rows.iter().map(|(_, d)| *d))?.max(1e-6);
         let mut normal = SMatrix::<f64, 5, 5>::zeros();
         let mut right = SVector::<f64, 5>::zeros();
         for (row, d) in &rows {
-            let weight = (1.0 - (d / (scale * TUKEY)).powi(2)).max(0.0).powi(2);
+            let weight = tukey_weight(d / scale);
             normal += row * row.transpose() * weight;
             right += row * (weight * d);
         }
@@ -201,13 +200,6 @@ fn symmetric_root(m: &Matrix2<f64>) -> Option<Matrix2<f64>> {
     let eigen = symmetric_eigen(m);
     let roots = eigen.values.map(|e| e.max(0.0).sqrt());
     (roots.min() > 0.5).then(|| eigen.vectors * Matrix2::from_diagonal(&roots) * eigen.vectors.transpose())
-}
-
-/// The middle value; `None` of nothing.
-pub(super) fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
-    let mut all: Vec<f64> = values.collect();
-    let middle = all.len() / 2;
-    (!all.is_empty()).then(|| *all.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 /// What a rim says about its circle's centre.
@@ -270,18 +262,18 @@ pub(super) fn centre_from_rim(
     }
     let mut x = Vector3::zeros();
     let mut covariance = Matrix3::identity();
-    let mut scale = median(rows.iter().map(|(_, d)| d.abs()))?.max(0.02) / 0.6745;
+    let mut scale = robust_sigma(rows.iter().map(|(_, d)| *d))?.max(0.03);
     for _ in 0..4 {
         let mut normal = Matrix3::zeros();
         let mut right = Vector3::zeros();
         for (row, d) in &rows {
-            let weight = (1.0 - ((d - row.dot(&x)) / (scale * TUKEY)).powi(2)).max(0.0).powi(2);
+            let weight = tukey_weight((d - row.dot(&x)) / scale);
             normal += row * row.transpose() * weight;
             right += row * (weight * d);
         }
         covariance = normal.try_inverse()?;
         x = covariance * right;
-        scale = median(rows.iter().map(|(row, d)| (d - row.dot(&x)).abs()))?.max(0.01) / 0.6745;
+        scale = robust_sigma(rows.iter().map(|(row, d)| d - row.dot(&x)))?.max(0.015);
     }
     let centre = camera.px_from_ray(&{
         let p = board_matrix(pose) * Vector3::new(centre_mm.x, centre_mm.y, 1.0);

@@ -11,13 +11,14 @@ use super::misfit::{self, Misfit, MisfitKind};
 use super::model::Shared;
 use super::planes::{self, StripesInSpace};
 use super::reject::{CalibrationReject, FrameReject};
-use super::rim::{centre_from_rim, median, on_board};
+use super::rim::{centre_from_rim, on_board};
 use super::stripes::{BoardStripe, find_stripes};
 use super::zhang;
 use crate::calibration::CalibrationCovariance;
 use crate::camera::CameraModel;
 use crate::frames::{Cam, Plane, Point, Pose};
 use crate::image::Frame;
+use crate::statistics::median;
 use crate::units::{LaserId, Px};
 use nalgebra::{Vector2, Vector3};
 

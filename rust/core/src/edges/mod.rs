@@ -10,6 +10,7 @@ pub(crate) mod subpixel;
 use crate::calibration::Calibration;
 use crate::face::outline::RoughRectangle;
 use crate::image::Frame;
+use crate::statistics::robust_sigma_f32;
 use crate::units::Px;
 use std::ops::{Add, Mul};
 use std::sync::LazyLock;
@@ -129,11 +130,7 @@ fn sampled<T: Copy + Add<Output = T> + Mul<f32, Output = T>>(
 
 /// Scale of zero-mean noise from the median of its absolute values; `floor` where the picture is flat.
 pub(crate) fn noise_of(absolute: &mut [f32], floor: f32) -> f32 {
-    if absolute.is_empty() {
-        return floor;
-    }
-    let middle = absolute.len() / 2;
-    (*absolute.select_nth_unstable_by(middle, f32::total_cmp).1 / 0.6745).max(floor)
+    robust_sigma_f32(absolute).map_or(floor, |sigma| sigma.max(floor))
 }
 
 /// The tone at half resolution, one plane a channel.

@@ -6,6 +6,7 @@ use super::raster::PlaneRaster;
 use crate::calibration::Calibration;
 use crate::frames::{Cam, Plane, Ray};
 use crate::image::Frame;
+use crate::statistics::median;
 use crate::stripe::colour_projection::{ColourProjection, measure_tints};
 use crate::stripe::peak::Estimator;
 use crate::stripe::trace::{
@@ -339,13 +340,10 @@ fn fit_without_a_liar(
 
 /// The median height of each stripe's peaks; of all peaks where a stripe has none. `None` if none has any.
 fn usual_amplitudes(traces: &[Vec<StripePoint>]) -> Option<[f64; 4]> {
-    let median = |traces: &[Vec<StripePoint>]| {
-        let mut all: Vec<f64> =
-            traces.iter().flatten().filter_map(|p| p.found).map(|f| f.amplitude).collect();
-        let middle = all.len() / 2;
-        (!all.is_empty()).then(|| *all.select_nth_unstable_by(middle, f64::total_cmp).1)
+    let usual = |traces: &[Vec<StripePoint>]| {
+        median(traces.iter().flatten().filter_map(|p| p.found).map(|f| f.amplitude))
     };
-    let all = median(traces)?;
+    let all = usual(traces)?;
     let mut each = [all; 4];
     for (own, trace) in each.iter_mut().zip(traces.chunks(1)) {
         *own = median(trace).unwrap_or(all);
@@ -380,14 +378,9 @@ pub(crate) fn inner_segment(
 
 /// Rows per profile so that the median place reaches the wanted signal to noise.
 fn rows_for(points: &[StripePoint], rows: usize, most: usize) -> usize {
-    let mut snr: Vec<f64> =
-        points.iter().map(|p| p.found.map_or(1.0, |f| f.amplitude / p.noise.max(1e-3))).collect();
-    if snr.is_empty() {
-        return rows;
-    }
-    let middle = snr.len() / 2;
-    let median = *snr.select_nth_unstable_by(middle, f64::total_cmp).1;
-    let needed = rows as f64 * (WANTED_SNR / median).powi(2);
+    let snr = points.iter().map(|p| p.found.map_or(1.0, |f| f.amplitude / p.noise.max(1e-3)));
+    let Some(usual) = median(snr) else { return rows };
+    let needed = rows as f64 * (WANTED_SNR / usual).powi(2);
     let mut power = *ROWS.start();
     while (power as f64) < needed && power < most {
         power *= 2;

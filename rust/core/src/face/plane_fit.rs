@@ -4,6 +4,7 @@
 use crate::calibration::Calibration;
 use crate::camera::CameraModel;
 use crate::frames::{Cam, Plane, Ray};
+use crate::statistics::{TUKEY, robust_sigma, tukey_weight};
 use crate::units::{LaserId, Px};
 use nalgebra::{Matrix2, Matrix3, Vector3};
 
@@ -25,8 +26,6 @@ pub(crate) struct PlaneFit {
     pub scale: f64,
 }
 
-/// Tukey's constant: 95 % efficiency for normal residuals.
-const TUKEY: f64 = 4.685;
 const ITERATIONS: usize = 12;
 
 /// What the camera tells of a pixel, whatever the plane: its ray and the ray's derivative by it.
@@ -77,17 +76,14 @@ pub(crate) fn fit_plane(
         for ((r, o), view) in residuals.iter_mut().zip(observations).zip(&views) {
             *r = residual_px(calibration, &plane, o.laser, view)?;
         }
-        let mut sizes: Vec<f64> =
-            residuals.iter().zip(observations).map(|(r, o)| (r.0 / o.sigma_px).abs()).collect();
-        let middle = sizes.len() / 2;
-        scale = (*sizes.select_nth_unstable_by(middle, f64::total_cmp).1 / 0.6745).max(0.3);
+        scale = robust_sigma(residuals.iter().zip(observations).map(|(r, o)| r.0 / o.sigma_px))?.max(0.3);
         let mut normal = Matrix3::zeros();
         let mut right = Vector3::zeros();
         for (((px, per_px), o), view) in residuals.iter().zip(observations).zip(&views) {
             let x = &view.ray.xy1;
-            let t = px / (o.sigma_px * scale * TUKEY);
+            let t = px / (o.sigma_px * scale);
             // The first step takes all points with bounded influence; the start may be some px off.
-            let robust = if iteration == 0 { 1.0 / (1.0 + t.abs()) } else { (1.0 - t * t).max(0.0).powi(2) };
+            let robust = if iteration == 0 { 1.0 / (1.0 + t.abs() / TUKEY) } else { tukey_weight(t) };
             let weight = robust * (per_px / o.sigma_px).powi(2);
             normal += x * x.transpose() * weight;
             right += x * (weight * calibration.laser(o.laser).per_mm.dot(x));

@@ -8,6 +8,7 @@ pub(crate) mod laser_motion;
 pub(crate) mod simulation;
 pub(crate) mod view;
 
+use crate::statistics::{TUKEY, robust_sigma, tukey_weight};
 use crate::calibration::Calibration;
 use crate::camera::CameraModel;
 use crate::face::model::{Seen, Source};
@@ -41,8 +42,6 @@ pub(crate) const STRIPE_SYSTEMATIC_PX: f64 = 0.05;
 pub(crate) const SIDE_SYSTEMATIC_PX: f64 = 0.2;
 /// ... and cardboard is cut and folded to half a millimetre either way, evenly spread: mm, 1 sigma.
 pub(crate) const SIDE_SHAPE_MM: f64 = 0.29;
-/// Tukey's constant: 95 % efficiency for normal residuals.
-const TUKEY: f64 = 4.685;
 /// A line needs so many points: two unknowns, and a scatter that means something.
 const MIN_POINTS: usize = 8;
 const ITERATIONS: usize = 8;
@@ -107,14 +106,12 @@ pub(crate) fn line_through(calibration: &Calibration, points: &[Px], systematic_
         let spread = along.dot(&(scatter * along));
         let across = Vector2::new(-along.y, along.x);
         let off_px: Vec<f64> = rays.iter().map(|r| across.dot(&(r - middle)) * focal_px).collect();
-        let mut sizes: Vec<f64> = off_px.iter().map(|r| r.abs()).collect();
-        let half = sizes.len() / 2;
-        let scale_px = (*sizes.select_nth_unstable_by(half, f64::total_cmp).1 / 0.6745).max(1e-3);
+        let scale_px = robust_sigma(off_px.iter().copied())?.max(1e-3);
         fitted = Some((middle, along, spread.max(0.0).sqrt(), off_px.clone(), scale_px));
         for (w, r) in weights.iter_mut().zip(&off_px) {
-            let t = r / (scale_px * TUKEY);
+            let t = r / scale_px;
             // The first step takes all points with bounded influence: the line may be pulled by what is to go.
-            *w = if iteration == 0 { 1.0 / (1.0 + t.abs()) } else { (1.0 - t * t).max(0.0).powi(2) };
+            *w = if iteration == 0 { 1.0 / (1.0 + t.abs() / TUKEY) } else { tukey_weight(t) };
         }
     }
     let (middle, along, spread, off_px, scale_px) = fitted?;

@@ -2,6 +2,7 @@
 //! diagonal stripe directions, in units of the local noise.
 
 use super::{Frame, LANES, word};
+use crate::statistics::robust_sigma_f32;
 use crate::units::Px;
 
 /// Direction of a stripe pair in the image.
@@ -298,10 +299,9 @@ pub(crate) fn faint_ridge_map(
             for row in slope.chunks_exact(width.max(1)).take(rows).step_by(2) {
                 sample.extend(row[block_left..][..columns].iter().step_by(2));
             }
-            let middle = sample.len() / 2;
-            let median = *sample.select_nth_unstable_by(middle, f32::total_cmp).1;
             // As in the narrow map; the means leave less of JPEG's steps.
-            let sigma = (median / 0.6745).max(0.25 * 8.0 * ALONG as f32 / 2.0);
+            let floor = 0.25 * 8.0 * ALONG as f32 / 2.0;
+            let sigma = robust_sigma_f32(&mut sample).map_or(floor, |sigma| sigma.max(floor));
             let gain = Z_STEPS / sigma;
             for r in 0..rows {
                 let from = &ridge[r * width + block_left..][..columns];

@@ -8,6 +8,7 @@
 use super::Frame;
 use super::small::Downscaler;
 use crate::error::{Error, ErrorKind};
+use crate::statistics::{median, robust_sigma};
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 
 /// Grey level of no light in the difference: noise and doubled edges keep their sign, a stripe on dark board is 215 high.
@@ -221,12 +222,7 @@ fn samples(lit: &Grey, off: &Grey, p: &SVector<f64, UNKNOWNS>, every: usize) -> 
 
 /// Robust scatter of the residuals.
 fn scatter(samples: &[Sample]) -> f64 {
-    let mut sizes: Vec<f64> = samples.iter().map(|s| s.residual.abs()).collect();
-    if sizes.is_empty() {
-        return LEAST_SCATTER;
-    }
-    let middle = sizes.len() / 2;
-    (1.48 * *sizes.select_nth_unstable_by(middle, f64::total_cmp).1).max(LEAST_SCATTER)
+    robust_sigma(samples.iter().map(|s| s.residual)).map_or(LEAST_SCATTER, |sigma| sigma.max(LEAST_SCATTER))
 }
 
 fn register(lit: &Frame, off: &Frame) -> Registration {
@@ -279,12 +275,11 @@ fn shift_left(lit: &Grey, samples: &[Sample]) -> Option<f64> {
         let known = least > 0.0 && scatter / least.sqrt() < KNOWN_PX;
         known.then(|| normal.try_inverse().map(|inverse| (inverse * right).norm()))?
     };
-    let mut shifts: Vec<f64> = blocks.iter().filter_map(shift).collect();
+    let shifts: Vec<f64> = blocks.iter().filter_map(shift).collect();
     if shifts.len() < FEWEST {
         return None;
     }
-    let middle = shifts.len() / 2;
-    Some(*shifts.select_nth_unstable_by(middle, f64::total_cmp).1 * FINEST as f64)
+    Some(median(shifts)? * FINEST as f64)
 }
 
 /// Share of the lit picture's variance that the unlit one does not have, beyond what noise explains. The middle nine tenths of the residuals count:

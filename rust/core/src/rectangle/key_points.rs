@@ -7,6 +7,7 @@ use crate::edges::EdgePoint;
 use crate::face::extent::{FaceStripes, crossing_on};
 use crate::face::outline::SIDES;
 use crate::frames::{Cam, Point, Ray};
+use crate::statistics::robust_sigma;
 use crate::units::{LaserId, Px};
 use nalgebra::{Matrix3, Vector3};
 
@@ -132,9 +133,7 @@ fn line_through(rays: &[Vector3<f64>]) -> Option<Vector3<f64>> {
         Some(Vector3::new(-s, c, s * mean.x - c * mean.y))
     };
     let first = fit(&|_| true)?;
-    let mut distances: Vec<f64> = rays.iter().map(|r| first.dot(r).abs()).collect();
-    let middle = distances.len() / 2;
-    let limit = 3.0 * distances.select_nth_unstable_by(middle, f64::total_cmp).1.max(1e-6) / 0.6745;
+    let limit = 3.0 * robust_sigma(rays.iter().map(|r| first.dot(r)))?.max(1e-6);
     fit(&|r| first.dot(r).abs() <= limit)
 }
 

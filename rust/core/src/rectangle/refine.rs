@@ -7,6 +7,7 @@ use crate::edges::EdgePoint;
 use crate::face::model::{Covariance, FaceState, Row, SHAPE, Seen, Source, UNKNOWNS, Unknowns, solve};
 use crate::face::plane_fit::StripeObservation;
 use crate::face::raster::{OnPlane, PlaneRaster};
+use crate::statistics::{median, robust_sigma, tukey_weight};
 use nalgebra::SMatrix;
 
 /// What the four sides may form.
@@ -57,8 +58,6 @@ impl FittedRectangle {
     }
 }
 
-/// Tukey's constant: 95 % efficiency for normal residuals.
-const TUKEY: f64 = 4.685;
 const ITERATIONS: usize = 12;
 /// Neighbouring edge points share print, shadow and rounding: about one in so many is independent, where the residuals
 /// cannot tell.
@@ -101,11 +100,7 @@ impl<'a> Problem<'a> {
         for (side, offset_mm) in moved.offsets_mm.iter_mut().enumerate() {
             let points = self.seen.iter().filter(|seen| seen.source == Source::Edge(side));
             let rows = points.filter_map(|seen| face.row(self.calibration.lasers(), seen));
-            let mut beside_mm: Vec<f64> = rows.map(|row| row.px * row.mm_per_px).collect();
-            if !beside_mm.is_empty() {
-                let middle = beside_mm.len() / 2;
-                *offset_mm += *beside_mm.select_nth_unstable_by(middle, f64::total_cmp).1;
-            }
+            *offset_mm += median(rows.map(|row| row.px * row.mm_per_px)).unwrap_or(0.0);
         }
         moved
     }
@@ -134,8 +129,7 @@ pub(super) fn weigh_all(rows: &mut [Row]) {
 fn weigh(rows: &mut [Row], usual_correlation: f64) {
     let scale = robust_scale(rows);
     for row in rows.iter_mut() {
-        let t = row.px / (row.sigma_px * scale * TUKEY);
-        row.robust = (1.0 - t * t).max(0.0).powi(2);
+        row.robust = tukey_weight(row.px / (row.sigma_px * scale));
     }
     let correlation = correlation(rows, usual_correlation);
     for row in rows.iter_mut() {
@@ -231,12 +225,7 @@ fn inverse(normal: &Covariance, shape: Shape) -> Option<Covariance> {
 }
 
 fn robust_scale(rows: &[Row]) -> f64 {
-    if rows.is_empty() {
-        return 1.0;
-    }
-    let mut sizes: Vec<f64> = rows.iter().map(|r| (r.px / r.sigma_px).abs()).collect();
-    let middle = sizes.len() / 2;
-    (*sizes.select_nth_unstable_by(middle, f64::total_cmp).1 / 0.6745).max(0.5)
+    robust_sigma(rows.iter().map(|r| r.px / r.sigma_px)).map_or(1.0, |sigma| sigma.max(0.5))
 }
 
 #[cfg(test)]

@@ -15,6 +15,7 @@ use crate::face::extent::FaceStripes;
 use crate::face::outline::{SIDES, span_mm};
 use crate::frames::Plane;
 use crate::image::Frame;
+use crate::statistics::{median, robust_sigma, tukey_weight};
 use crate::stripe::colour_projection::ColourProjection;
 use crate::stripe::peak::Estimator;
 use crate::stripe::trace::{ScanDirection, StripeLine, TraceSettings, trace};
@@ -318,22 +319,18 @@ fn robust_line(samples: &[Sample]) -> Option<(f64, f64)> {
     if samples.len() < MIN_POINTS {
         return None;
     }
-    let mut values: Vec<f64> = samples.iter().map(|s| s.outwards_mm).collect();
-    let half = values.len() / 2;
-    let mut state = Vector2::new(*values.select_nth_unstable_by(half, f64::total_cmp).1, 0.0);
+    let mut state = Vector2::new(median(samples.iter().map(|s| s.outwards_mm))?, 0.0);
     let mut covariance = Matrix2::zeros();
     let mut used = 0.0;
     let mut scale = 1.0;
     for _ in 0..10 {
         let residual = |s: &Sample| (s.outwards_mm - state.x - state.y * s.depth_mm) / s.sigma_mm;
-        let mut sizes: Vec<f64> = samples.iter().map(|s| residual(s).abs()).collect();
-        scale = (*sizes.select_nth_unstable_by(half, f64::total_cmp).1 / 0.6745).max(1.0);
+        scale = robust_sigma(samples.iter().map(|s| residual(s)))?.max(1.0);
         let mut information = Matrix2::new(0.0, 0.0, 0.0, SQUARE_RAD.powi(-2));
         let mut right = Vector2::zeros();
         used = 0.0;
         for s in &samples {
-            let t = residual(s) / (4.685 * scale);
-            let robust = (1.0 - t * t).max(0.0).powi(2);
+            let robust = tukey_weight(residual(s) / scale);
             let weight = robust / (s.sigma_mm * scale).powi(2);
             let row = Vector2::new(1.0, s.depth_mm);
             information += row * row.transpose() * weight;

@@ -7,6 +7,7 @@ use crate::calibration::Calibration;
 use crate::face::model::{Row, Source};
 use crate::face::raster::OnPlane;
 use crate::measurement::SurfacePoint;
+use crate::statistics::{median, robust_sigma};
 use crate::units::Estimate;
 
 /// Pieces of each stripe: a bulge over the whole face is 12 pieces wide.
@@ -45,20 +46,18 @@ pub(super) fn surface(
 /// Median height of some centres: print moves single ones. Its sigma is from their own scatter, neighbours counted as the fit
 /// does.
 fn height(fit: &FittedRectangle, piece: &[&Row]) -> Option<Estimate> {
-    let mut heights: Vec<f64> = piece.iter().map(|r| r.px * height_of_px(fit, r)).collect();
-    let half = heights.len() / 2;
-    let median = *heights.select_nth_unstable_by(half, f64::total_cmp).1;
+    let heights = || piece.iter().map(|r| r.px * height_of_px(fit, r));
+    let middle = median(heights())?;
     // What the fit's weights say of one centre's variance, px^2, where it has a weight.
     let (sum, count) = piece
         .iter()
         .filter(|r| r.robust > 0.0)
         .fold((0.0, 0.0), |(s, n), r| (s + r.robust / r.weight * height_of_px(fit, r).powi(2), n + 1.0));
     let known = if count > 0.0 { sum / count } else { 0.0 };
-    heights.iter_mut().for_each(|h| *h = (*h - median).abs());
-    let scatter = *heights.select_nth_unstable_by(half, f64::total_cmp).1 / 0.6745;
+    let scatter = robust_sigma(heights().map(|h| h - middle))?;
     // The median has pi / 2 times the variance of the mean.
     let variance = std::f64::consts::FRAC_PI_2 * known.max(scatter * scatter) / piece.len() as f64;
-    let found = Estimate::new(median, variance.sqrt());
+    let found = Estimate::new(middle, variance.sqrt());
     (found.value_mm.is_finite() && found.sigma_mm.is_finite()).then_some(found)
 }
 

@@ -13,6 +13,7 @@ use crate::face::outline::{SIDES, outward_sign};
 use crate::face::raster::PlaneRaster;
 use crate::frames::{Plane, Point};
 use crate::image::Frame;
+use crate::statistics::robust_sigma_f32;
 use crate::stripe::trace::{ScanDirection, StripeLine};
 use crate::units::{LaserId, Px};
 
@@ -181,9 +182,7 @@ impl<'a> Strip<'a> {
         };
         let mut light: Vec<f32> = (self.nearest()..=REACH).map_while(over_surroundings).collect();
         let mut sizes: Vec<f32> = light.iter().map(|l| l.abs()).collect();
-        if !sizes.is_empty() {
-            let half = sizes.len() / 2;
-            let scatter = 1.48 * *sizes.select_nth_unstable_by(half, f32::total_cmp).1;
+        if let Some(scatter) = robust_sigma_f32(&mut sizes) {
             light.iter_mut().for_each(|l| *l /= scatter.max(LEAST_SCATTER));
         }
         light

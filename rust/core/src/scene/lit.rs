@@ -16,6 +16,7 @@ use crate::frames::{Cam, Plane, Point};
 use crate::image::Frame;
 use crate::measurement::{FaceMeasurement, SideLight};
 use crate::network::StripeLight;
+use crate::statistics::{median_f32, robust_sigma_f32};
 use crate::stripe::trace::ScanDirection;
 use crate::units::{LaserId, Px};
 
@@ -203,11 +204,7 @@ impl LitLine {
         let of_ambient = |row: &Row| row.light / row.ambient.max(LEAST_SCATTER);
         let inner = (inner.start.max(0.0) as usize).min(rows)..(inner.end.max(0.0) as usize + 1).min(rows);
         let mut shares: Vec<f32> = found[inner].iter().filter(|row| row.seen).map(of_ambient).collect();
-        if shares.is_empty() {
-            return None;
-        }
-        let half = shares.len() / 2;
-        let share = *shares.select_nth_unstable_by(half, f32::total_cmp).1;
+        let share = median_f32(&mut shares)?;
         let mut sums = Vec::with_capacity(rows + 1);
         sums.push(0.0);
         let mut sum = 0.0;
@@ -293,12 +290,8 @@ fn look(frame: &Frame, scan: ScanDirection, row: i32, centre: i32, middle: i32, 
             before = Some(here);
         }
     }
-    let scatter = if others.is_empty() {
-        LEAST_SCATTER
-    } else {
-        let half = others.len() / 2;
-        1.05 * *others.select_nth_unstable_by(half, f32::total_cmp).1 // a difference of two, by 1.48 / sqrt 2
-    };
+    // Of differences of two.
+    let scatter = robust_sigma_f32(&mut others).map_or(LEAST_SCATTER, |sigma| sigma / std::f32::consts::SQRT_2);
     // The step between both surroundings is as large as what may lie under the stripe.
     let step = 0.5 * (left - right).abs();
     Row { light, ambient, scatter: scatter.hypot(step).max(LEAST_SCATTER), seen: true }

@@ -5,6 +5,7 @@
 use super::trace::{ScanDirection, StripeLine};
 use crate::calibration::Calibration;
 use crate::image::Frame;
+use crate::statistics::median;
 use crate::units::Px;
 use nalgebra::{Matrix3, Vector3};
 
@@ -90,14 +91,7 @@ struct Crossings {
 
 /// The median of each colour; light only adds.
 fn median_step(steps: &[Vector3<f64>]) -> Vector3<f64> {
-    if steps.is_empty() {
-        return Vector3::zeros();
-    }
-    Vector3::from_fn(|c, _| {
-        let mut values: Vec<f64> = steps.iter().map(|s| s[c]).collect();
-        let middle = values.len() / 2;
-        values.select_nth_unstable_by(middle, f64::total_cmp).1.max(0.0)
-    })
+    Vector3::from_fn(|c, _| median(steps.iter().map(|s| s[c])).unwrap_or(0.0).max(0.0))
 }
 
 fn quiet_covariance(differences: &[Vector3<f64>]) -> Matrix3<f64> {
