@@ -145,7 +145,7 @@ const LEAST_EXPLAINED: f64 = 0.05;
 /// Combinations of which less than this share of the information is left once poses and camera are free are none: they are a pose's or
 /// the camera's (a board and planes that grow together are the same picture), and what is left is rounding.
 const LEAST_KNOWN: f64 = 1e-6;
-/// What a lens's terms may be before frames are seen, p1, p2 and k3: half of 0.01 and 0.2, beyond which lenses are no longer sold for this.
+/// What a lens's terms p1, p2 and k3 may be before frames are seen: half of 0.01 and 0.2, the most that `rust/sim` draws.
 const LENS_SIGMAS: [(usize, f64); 3] = [(18, 0.005), (19, 0.005), (20, 0.1)];
 /// Steps of Gauss and Newton. Patterns are linear to some 0.1 % of themselves; the second step is for the noise, which is known after
 /// the first, the third for what the weights then change.
