@@ -288,44 +288,15 @@ pub(crate) fn solve<const N: usize, const M: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::Calibration;
-    use crate::frames::Ray;
     use crate::paper_head::paper_head;
-    use crate::units::LaserId;
     use proptest::prelude::*;
 
-    /// Points of all stripes and sides of a face, some px beside where they should be.
-    fn points(calibration: &Calibration, face: &FaceState) -> Vec<Seen> {
-        let camera = calibration.camera();
-        let raster = face.raster();
-        let seen = |source: Source, px: Px, k: usize| {
-            let off = [1.3, -0.7, 2.1][k % 3];
-            Seen::new(camera, source, Px::new(px.u + off, px.v - off), 0.3)
-        };
-        let mut all = Vec::new();
-        for (side, (across, _)) in SIDES.into_iter().enumerate() {
-            let (from, to) = span_mm(&face.offsets_mm, side);
-            for k in 0..5 {
-                let along = from + (to - from) * k as f64 / 4.0;
-                let offset = face.offsets_mm[side] - face.slope(side) * (along - face.middle_mm(side));
-                let at = raster.pixel(calibration, across.at(offset, along)).expect("in view");
-                all.push(seen(Source::Edge(side), at, k));
-            }
-        }
-        for id in LaserId::ALL {
-            let line = face.plane().per_mm - calibration.laser(id).per_mm;
-            for k in 0..5 {
-                let step = 0.05 * (k as f64 - 2.0);
-                let (x, y) = if line.x.abs() > line.y.abs() {
-                    (-(line.y * step + line.z) / line.x, step)
-                } else {
-                    (step, -(line.x * step + line.z) / line.y)
-                };
-                let at = camera.px_from_ray(&Ray::new(x, y)).expect("near the axis");
-                all.push(seen(Source::Stripe(id.index()), at, k));
-            }
-        }
-        all
+    /// Five points of each stripe and side, anywhere: the model is no approximation near its lines.
+    fn points(camera: &CameraModel) -> Vec<Seen> {
+        let sources = (0..4).flat_map(|k| [Source::Stripe(k), Source::Edge(k)]);
+        let places = [(1250.0, 960.0), (700.0, 1300.0), (1900.0, 600.0), (1500.0, 1500.0), (900.0, 400.0)];
+        let seen = |source| places.map(|(u, v)| Seen::new(camera, source, Px::new(u, v), 0.3));
+        sources.flat_map(seen).collect()
     }
 
     /// The residual over the factor from `line . x` to px, which the model takes as constant.
@@ -375,7 +346,7 @@ mod tests {
             let calibration = paper_head(1.0);
             let (camera, lasers) = (calibration.camera(), calibration.lasers());
             let steps = [1e-6, 1e-6, 1e-10, 1e-6, 1e-3, 1e-3, 1e-3, 1e-3, 1e-6, 1e-6, 1e-6];
-            for p in &points(&calibration, &face) {
+            for p in &points(calibration.camera()) {
                 let here = face.lines(lasers).row(p).expect("in view");
                 let (_, factor_px) = without_factor(&face, camera, &here);
                 let px = |face: &FaceState, lasers: &[Plane<Cam>; 4], p: &Seen| {
@@ -417,11 +388,11 @@ mod tests {
             }
         }
 
-        /// A side's residual in mm is the distance on the plane, and zero on the side.
+        /// A side's residual in mm is the distance on the plane.
         #[test]
         fn residuals_of_sides_are_offsets_on_the_plane(face in faces()) {
             let calibration = paper_head(1.0);
-            for p in &points(&calibration, &face) {
+            for p in &points(calibration.camera()) {
                 let Source::Edge(side) = p.source else { continue };
                 let row = face.lines(calibration.lasers()).row(p).expect("in view");
                 let (across, _) = SIDES[side];
@@ -430,7 +401,6 @@ mod tests {
                 let beside_mm = across.offset(on) + face.slope(side) * along_mm - face.offsets_mm[side];
                 prop_assert!((row.px * row.mm_per_px - beside_mm).abs() < 1e-8);
                 prop_assert!((row.along_mm - along_mm).abs() < 1e-8);
-                prop_assert!(row.px.abs() < 3.1, "{} px, 2.1 px aside each way", row.px);
             }
         }
     }
