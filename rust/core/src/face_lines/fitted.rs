@@ -85,8 +85,9 @@ impl FittedFace {
             planes_gradient: Planes::zeros(),
             own_gradient: Own::zeros(),
         };
+        let lines = state.lines(lasers);
         for seen in seen {
-            sums.add_row(&state.row(lasers, seen)?);
+            sums.add_row(&lines.row(seen)?);
         }
         for side in known {
             let off_mm = state.lengths_mm()[side.which] - side.raw_mm;

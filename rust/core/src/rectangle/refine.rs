@@ -71,7 +71,7 @@ const MOST_NEIGHBOURS: usize = 12;
 
 /// What is seen of a face.
 pub(crate) struct Problem<'a> {
-    pub calibration: &'a Calibration,
+    calibration: &'a Calibration,
     /// Stripes first, then edges, side by side.
     seen: Vec<Seen>,
     /// What the face's bow adds to the residual of each stripe point, px; empty for a flat face.
@@ -96,10 +96,11 @@ impl<'a> Problem<'a> {
     /// The face with each side where half of its points lie on either side of it: Tukey's weights settle on those points that
     /// lie near where they begin, and a rough side may be some px beside its edge.
     pub fn at_medians(&self, face: &FaceState) -> FaceState {
+        let lines = face.lines(self.calibration.lasers());
         let mut moved = *face;
         for (side, offset_mm) in moved.offsets_mm.iter_mut().enumerate() {
             let points = self.seen.iter().filter(|seen| seen.source == Source::Edge(side));
-            let rows = points.filter_map(|seen| face.row(self.calibration.lasers(), seen));
+            let rows = points.filter_map(|seen| lines.row(seen));
             *offset_mm += median(rows.map(|row| row.px * row.mm_per_px)).unwrap_or(0.0);
         }
         moved
@@ -107,8 +108,11 @@ impl<'a> Problem<'a> {
 
     /// All observations at this face, weighted.
     fn rows(&self, face: &FaceState) -> Option<Vec<Row>> {
-        let rows = self.seen.iter().map(|seen| face.row(self.calibration.lasers(), seen));
-        let mut rows = rows.collect::<Option<Vec<Row>>>()?;
+        let lines = face.lines(self.calibration.lasers());
+        let mut rows = Vec::with_capacity(self.seen.len());
+        for seen in &self.seen {
+            rows.push(lines.row(seen)?);
+        }
         for (row, bow_px) in rows.iter_mut().zip(self.bow_px) {
             row.px -= bow_px;
         }
