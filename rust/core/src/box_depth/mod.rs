@@ -27,10 +27,10 @@
 mod tests;
 mod trail;
 
-use crate::statistics::median;
 use crate::calibration::Calibration;
 use crate::image::Frame;
 use crate::measurement::{BoxMeasurement, DepthSeen, FaceMeasurement};
+use crate::statistics::median;
 use crate::stripe::colour_projection::measure_tints;
 use crate::stripe::trace::{StripeLine, measure_half_width_px};
 use crate::units::{Estimate, LaserId};

@@ -10,7 +10,7 @@ use super::lens::LensTerms;
 use super::model::{POSE, Row, SHARED, SKEW, Shared, centre_rows, moved, stripe_row};
 use crate::calibration::{CalibrationCovariance, PARAMETERS};
 use crate::frames::{Cam, Pose};
-use crate::statistics::{TUKEY, median, robust_sigma, tukey_weight};
+use crate::statistics::{TUKEY, robust_sigma, tukey_weight};
 use crate::units::Px;
 use nalgebra::{SMatrix, SVector, Vector2};
 
@@ -349,10 +349,8 @@ const MIN_OWN: usize = 24;
 pub(super) fn own_sigmas(shared: &Shared, frames: &mut [FrameSeen]) {
     for frame in frames {
         let (centres, _) = residuals(shared, frame);
-        let sizes = centres
-            .iter()
-            .zip(&frame.centres)
-            .flat_map(|(r, seen)| [r.x, r.y].map(|x| x / seen.sigma_px));
+        let sizes =
+            centres.iter().zip(&frame.centres).flat_map(|(r, seen)| [r.x, r.y].map(|x| x / seen.sigma_px));
         let Some(scale) = robust_sigma(sizes).map(|sigma| sigma.clamp(0.2, 20.0)) else { continue };
         if frame.centres.len() >= MIN_OWN {
             frame.centres.iter_mut().for_each(|c| c.sigma_px *= scale);

@@ -40,7 +40,7 @@ pub fn find_board(frame: &Frame, board: &Board) -> Result<BoardView, FrameReject
             rim_rms_px: rim.rms_px,
         });
     }
-    let rim_width_px = median(widths.into_iter()).unwrap_or(f64::INFINITY);
+    let rim_width_px = median(widths).unwrap_or(f64::INFINITY);
     if 2 * wide > circles.len() {
         return Err(FrameReject::Blurred { rim_width_px });
     }

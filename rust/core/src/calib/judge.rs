@@ -75,7 +75,7 @@ pub(super) fn check_ratio(
         }
     }
     let expected = board.diameter_mm / board.pitch_mm;
-    match median(ratios.into_iter()) {
+    match median(ratios) {
         Some(seen) if (seen / expected - 1.0).abs() > MAX_RATIO_ERROR => {
             Err(CalibrationReject::OtherRatio { seen, board: expected })
         }

@@ -1,9 +1,9 @@
 //! Which terms the lens needs: the paper's two, and more where they lower the error on frames that were left out of the fit by more than
 //! chance. A term that is not needed costs accuracy: what it takes from noise, boxes get.
 
-use crate::statistics::TUKEY;
 use super::adjust::{Fixed, FrameSeen, Loss, Scatter, adjust, residuals, scatter};
 use super::model::Shared;
+use crate::statistics::TUKEY;
 
 /// Terms of the distortion beyond the paper's k1 and k2.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

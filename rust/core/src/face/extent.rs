@@ -346,7 +346,7 @@ fn usual_amplitudes(traces: &[Vec<StripePoint>]) -> Option<[f64; 4]> {
     let all = usual(traces)?;
     let mut each = [all; 4];
     for (own, trace) in each.iter_mut().zip(traces.chunks(1)) {
-        *own = median(trace).unwrap_or(all);
+        *own = usual(trace).unwrap_or(all);
     }
     Some(each)
 }

@@ -8,12 +8,12 @@ pub(crate) mod laser_motion;
 pub(crate) mod simulation;
 pub(crate) mod view;
 
-use crate::statistics::{TUKEY, robust_sigma, tukey_weight};
 use crate::calibration::Calibration;
 use crate::camera::CameraModel;
 use crate::face::model::{Seen, Source};
 use crate::frames::Ray;
 use crate::measurement::FaceMeasurement;
+use crate::statistics::{TUKEY, robust_sigma, tukey_weight};
 use crate::units::{LaserId, Px};
 use nalgebra::{Matrix2, Vector2};
 

@@ -291,7 +291,8 @@ fn look(frame: &Frame, scan: ScanDirection, row: i32, centre: i32, middle: i32, 
         }
     }
     // Of differences of two.
-    let scatter = robust_sigma_f32(&mut others).map_or(LEAST_SCATTER, |sigma| sigma / std::f32::consts::SQRT_2);
+    let scatter =
+        robust_sigma_f32(&mut others).map_or(LEAST_SCATTER, |sigma| sigma / std::f32::consts::SQRT_2);
     // The step between both surroundings is as large as what may lie under the stripe.
     let step = 0.5 * (left - right).abs();
     Row { light, ambient, scatter: scatter.hypot(step).max(LEAST_SCATTER), seen: true }
