@@ -27,7 +27,7 @@ const MODULES: [&str; 34] = [
     "stripe",
     "calib",
     "face",
-    "face_lines",
+    "face_geometry",
     "drift",
     "feasibility",
     "report",

@@ -53,7 +53,7 @@ mod edges;
 mod eigen;
 pub mod error;
 mod face;
-mod face_lines;
+mod face_geometry;
 pub mod feasibility;
 pub mod frames;
 mod hypotheses;

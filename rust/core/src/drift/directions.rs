@@ -2,7 +2,7 @@
 
 use super::{LaserMotion, scale_motion};
 use crate::eigen::symmetric_eigen;
-use crate::face_lines::laser_motion::{MotionMatrix, Motions, motions_of};
+use crate::face_geometry::laser_motion::{MotionMatrix, Motions, motions_of};
 use crate::frames::{Cam, Plane};
 use nalgebra::{Matrix3, Vector3};
 

@@ -17,9 +17,9 @@ pub use significance::{ChangeTest, SIGNIFICANT};
 use crate::calibration::{CAMERA, Calibration, CalibrationCovariance};
 use crate::error::{Error, ErrorKind};
 use crate::face::model::FaceState;
-use crate::face_lines::FaceLines;
-use crate::face_lines::fitted::{FittedFace, KnownSide, REDUNDANT};
-use crate::face_lines::laser_motion::{
+use crate::face_geometry::FaceLines;
+use crate::face_geometry::fitted::{FittedFace, KnownSide, REDUNDANT};
+use crate::face_geometry::laser_motion::{
     MotionMatrix, Motions, all_planes_by_motion, blocks, motions_of, moved,
 };
 use crate::frames::{Cam, Plane};

@@ -1,7 +1,7 @@
 //! Drift from faces simulated at the level of line coefficients: heads whose lasers moved, faces as a courier sees them.
 
 use super::*;
-use crate::face_lines::simulation::{head, some_face};
+use crate::face_geometry::simulation::{head, some_face};
 use crate::frames::Plane;
 use crate::noise::Noise;
 

@@ -3,7 +3,7 @@
 
 use super::{MARGIN, grid_middle, obstacles};
 use crate::calibration::Calibration;
-use crate::face_lines::view::FacePose;
+use crate::face_geometry::view::FacePose;
 use crate::reject::Reject;
 use crate::units::{LaserId, Px};
 use nalgebra::{Rotation3, Vector3};
@@ -304,7 +304,7 @@ impl fmt::Display for Hint {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::face_lines::simulation::{drawn_face, head};
+    use crate::face_geometry::simulation::{drawn_face, head};
     use crate::noise::Noise;
 
     /// A face that can be measured, and the head moved away from there by hand's or a beginner's errors.

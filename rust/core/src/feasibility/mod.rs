@@ -9,7 +9,7 @@ pub use hint::{Hint, Move};
 pub use sigma::SideSigmas;
 
 use crate::calibration::Calibration;
-use crate::face_lines::view::FacePose;
+use crate::face_geometry::view::FacePose;
 use crate::frames::{Cam, Point};
 use crate::reject::Reject;
 use crate::units::{LaserId, Px};
@@ -165,7 +165,7 @@ fn stripe_angle_rad(calibration: &Calibration, distance_mm: f64) -> Option<f64> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::face_lines::simulation::{drawn_face, head};
+    use crate::face_geometry::simulation::{drawn_face, head};
     use crate::noise::Noise;
 
     /// PHYSICS.md: 100 mm boxes at about 0.35 m, 1800 mm at about 2.45 m, (length + width) <= 1.1 z, aspect up to 5.5 : 1.
@@ -223,7 +223,7 @@ mod tests {
         assert!(misses.iter().any(|o| matches!(o, Obstacle::StripeMisses(_))), "{misses:?}");
     }
 
-    /// Faces that the simulation of `face_lines` takes for measurable by its own words are so here.
+    /// Faces that the simulation of `face_geometry` takes for measurable by its own words are so here.
     #[test]
     fn it_agrees_with_the_views_of_the_simulation() {
         let calibration = head();

@@ -1,9 +1,9 @@
 //! The standard deviation to expect of a side, by its causes.
 
 use crate::calibration::Calibration;
-use crate::face_lines::fitted::{FittedFace, Planes, length_by_own};
-use crate::face_lines::laser_motion::{all_planes_by_motion, blocks};
-use crate::face_lines::view::{FacePose, PointSigmas, USUAL};
+use crate::face_geometry::fitted::{FittedFace, Planes, length_by_own};
+use crate::face_geometry::laser_motion::{all_planes_by_motion, blocks};
+use crate::face_geometry::view::{FacePose, PointSigmas, USUAL};
 use crate::units::LaserId;
 
 /// Pointing drift of one laser since the calibration, rad, 1 sigma: half of the 0.1 mrad of PHYSICS.md, since the four sit
@@ -74,7 +74,7 @@ fn sigmas_with(calibration: &Calibration, pose: &FacePose, sigmas: &PointSigmas)
 mod tests {
     use super::super::best_view;
     use super::*;
-    use crate::face_lines::simulation::head;
+    use crate::face_geometry::simulation::head;
 
     /// PHYSICS.md has these from an independent computation: "face fit: edges 0.5 px, stripes 0.3 px, one sample per 4 px".
     #[test]

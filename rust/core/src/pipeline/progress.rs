@@ -1,7 +1,7 @@
 //! What is known while a frame is looked at: how long each stage took, and the last rectangle that was seen.
 
 use crate::face::raster::PlaneRaster;
-use crate::face_lines::view::FacePose;
+use crate::face_geometry::view::FacePose;
 use crate::measurement::StageTimes;
 use crate::rectangle;
 use std::time::Instant;

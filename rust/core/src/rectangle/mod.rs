@@ -1,8 +1,9 @@
 //! The rectangle of a face on its plane: which lines may be its sides ([`line_evidence`], [`outlines`], in the paper's map [`hough_outline`]), the
 //! picture's edges beside them ([`snap`]), its joint fit
 //! ([`refine`]), the paper's eight key points ([`key_points`]), the way from rounded to sharp edges ([`sharp_edge`], [`rounding`]), its sigmas ([`uncertainty`]), what the
-//! residuals tell ([`self_check`], [`surface`]), and the result (this file).
+//! residuals tell ([`consistency_checks`], [`surface`]), and the result (this file).
 
+mod consistency_checks;
 pub(crate) mod hough_outline;
 pub(crate) mod key_points;
 pub(crate) mod line_evidence;
@@ -10,7 +11,6 @@ mod line_strip;
 pub(crate) mod outlines;
 pub(crate) mod refine;
 pub(crate) mod rounding;
-mod self_check;
 pub(crate) mod sharp_edge;
 pub(crate) mod snap;
 mod straightness;
@@ -164,7 +164,7 @@ pub(crate) struct Observed<'a> {
 pub(crate) struct Fitted {
     pub fit: FittedRectangle,
     causes: uncertainty::Causes,
-    checks: self_check::SelfCheck,
+    checks: consistency_checks::ConsistencyChecks,
     corner_angles: Option<[AngleEstimate; 4]>,
 }
 
@@ -177,7 +177,7 @@ impl Observed<'_> {
         let mut fit = refine(&problem, &start, Shape::Rectangle)?;
         let drift_rad = settings.drift_rad.max(f64::EPSILON);
         let mut causes = uncertainty::causes(calibration, &fit, [drift_rad; 4]);
-        let checks = self_check::check(calibration, &fit, &causes, drift_rad).unwrap_or_default();
+        let checks = consistency_checks::check(calibration, &fit, &causes, drift_rad).unwrap_or_default();
         let mut corner_angles = None;
         // The plane that counts is that of the sides.
         let bowed = !checks.bow_px.is_empty();

@@ -1,6 +1,6 @@
 //! The joint fit: a face ([`crate::face::model`]: plane 3, direction 1, four side offsets, 8 unknowns) to all stripe centres and all
 //! edge points at once, in pixels, robust (PHYSICS.md, "Face fit"); with right angles relaxed it has 3 unknowns more.
-//! What its residuals say of the face is in [`super::self_check`], what it means for sigma in [`super::uncertainty`].
+//! What its residuals say of the face is in [`super::consistency_checks`], what it means for sigma in [`super::uncertainty`].
 
 use crate::calibration::Calibration;
 use crate::edges::EdgePoint;

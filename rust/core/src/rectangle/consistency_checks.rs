@@ -53,7 +53,7 @@ const SIZE: usize = SHAPE + ADDED;
 
 /// What the checks of one face found.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct SelfCheck {
+pub(crate) struct ConsistencyChecks {
     pub warnings: Vec<Warning>,
     /// Tilt of a laser that the stripes show, rad, if the check failed.
     pub tilt_rad: Option<f64>,
@@ -73,14 +73,14 @@ pub(super) fn check(
     fit: &FittedRectangle,
     causes: &Causes,
     drift_rad: f64,
-) -> Option<SelfCheck> {
+) -> Option<ConsistencyChecks> {
     let rows = &own_noise(&fit.rows)?;
     // What the stripes say among themselves: the sides, whose shape is another question, have no part in it.
     let along = along_stripes(rows)?;
     let mut sums = Sums::new();
     sums.add(rows, &along, causes, |source| matches!(source, Source::Stripe(_)));
     let stripes = sums.system();
-    let mut found = SelfCheck::default();
+    let mut found = ConsistencyChecks::default();
     coplanar(&stripes, drift_rad, &mut found)?;
     straight(&stripes, calibration, fit, &mut found)?;
     sums.add(rows, &along, causes, |source| matches!(source, Source::Edge(_)));
@@ -290,7 +290,7 @@ fn along_stripes(rows: &[Row]) -> Option<Vec<f64>> {
 }
 
 /// Do the stripes lie on one plane, and which laser explains it if not?
-fn coplanar(system: &System, drift_rad: f64, found: &mut SelfCheck) -> Option<()> {
+fn coplanar(system: &System, drift_rad: f64, found: &mut ConsistencyChecks) -> Option<()> {
     let lines: Vec<usize> = LINES.map(|i| SHAPE + i).collect();
     let plane: Vec<usize> = (0..3).collect();
     let test = system.test(&lines, &plane)?;
@@ -323,7 +323,7 @@ fn straight(
     system: &System,
     calibration: &Calibration,
     fit: &FittedRectangle,
-    found: &mut SelfCheck,
+    found: &mut ConsistencyChecks,
 ) -> Option<()> {
     let bends: Vec<usize> = BENDS.map(|i| SHAPE + i).collect();
     // Each stripe's own shift and slope, which hold all that the plane could explain.
@@ -416,7 +416,7 @@ fn height_of_px(fit: &FittedRectangle, id: LaserId) -> f64 {
 }
 
 /// Do the four sides form a rectangle?
-fn rectangular(system: &System, fit: &FittedRectangle, found: &mut SelfCheck) -> Option<()> {
+fn rectangular(system: &System, fit: &FittedRectangle, found: &mut ConsistencyChecks) -> Option<()> {
     let [a0, a1, b0, b1] = fit.offsets_mm;
     // Opposite sides at an angle make the two others differ: their distance changes by it along the side.
     let lengths_mm = [1.0, b1 - b0, a1 - a0];
