@@ -138,7 +138,7 @@ fn all_json(rows: &[Row], calibration: &Calibration) -> Value {
     let row = |row: &Row| {
         json!({
             "length_mm": row.size_mm[0], "width_mm": row.size_mm[1], "feasible": !row.working_ranges.is_empty(),
-            "working_ranges": row.working_ranges.iter().map(reach).collect::<Vec<_>>(),
+            "reaches": row.working_ranges.iter().map(reach).collect::<Vec<_>>(),
         })
     };
     json!({
