@@ -68,7 +68,9 @@ const ROOT: &str = ".";
 
 /// An error about a field.
 pub(super) fn field_error(kind: ErrorKind, name: &str, path: &str, what: impl Display) -> Error {
-    let text = if path == ROOT { what.to_string() } else { format!("{path}: {what}") };
+    // A key that was not read whole has no name.
+    let path = path.trim_end_matches(['?', '.']);
+    let text = if path.is_empty() { what.to_string() } else { format!("{path}: {what}") };
     Error::new(kind, format!("{name}: {}", short(&text)))
 }
 

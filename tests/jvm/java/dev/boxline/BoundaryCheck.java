@@ -131,10 +131,10 @@ public final class BoundaryCheck {
         String text = new String(calibration, java.nio.charset.StandardCharsets.UTF_8);
         String[][] table = {
             {"", "calibration: not JSON: "},
-            {text.substring(0, text.length() / 2), "calibration: not JSON: "},
+            {text.substring(0, text.length() / 2), "not JSON: EOF"},
             {text.replace("calibration/1", "calibration/9"), "calibration: format: found \"boxline-calibration/9\""},
-            {text.replace("\"fx\"", "\"gx\""), "calibration: camera.fx: missing"},
-            {text.replaceFirst("-1\\.0", "NaN"), "calibration: not JSON: "},
+            {text.replace("\"fx\"", "\"gx\""), "calibration: camera: missing field `fx`"},
+            {text.replaceFirst("-1\\.0", "NaN"), "not JSON: "},
         };
         for (String[] row : table) {
             byte[] bytes = row[0].getBytes(java.nio.charset.StandardCharsets.UTF_8);
