@@ -15,7 +15,7 @@ mod true_face;
 use boxline::diagnostics::side_lines;
 use boxline::network::{FaceMaps, LineStrip, Network};
 use boxline::view::{FaceView, SideOdds};
-use boxline::{Error, FaceMeasurement, FaceOutcome, Frame, Px, Settings, measure_face};
+use boxline::{Calibration, Error, FaceMeasurement, FaceOutcome, Frame, Px, Settings, measure_face};
 use boxline_edgenet::{EdgeNet, Options};
 use boxline_proto::json::{read_calibration, read_recording, read_truth};
 use std::path::{Path, PathBuf};
@@ -71,7 +71,7 @@ fn main() -> Outcome<()> {
         );
         for recordings in arguments.drain(1..) {
             for folder in with_truth(&recordings)? {
-                frames_alone(&folder)?;
+                each_view(&folder, alone)?;
             }
         }
         return Ok(());
@@ -82,7 +82,7 @@ fn main() -> Outcome<()> {
     );
     for recordings in arguments {
         for folder in with_truth(&recordings)? {
-            frames(&network, &folder)?;
+            each_view(&folder, |view, calibration| with_network(&network, view, calibration))?;
         }
     }
     Ok(())
@@ -112,8 +112,24 @@ fn measured_side(face: &FaceMeasurement, truth: &TrueFace, [o, p]: [f64; 2]) -> 
     Some([off_px * truth.mm_per_px, face.length.sigma_mm.max(face.width.sigma_mm)])
 }
 
-/// Prints the lines of a recording's frames.
-fn frames(network: &EdgeNet, folder: &Path) -> Outcome<()> {
+/// A frame with its true face.
+struct View {
+    /// Recording, frame, and whether it must be refused: the first columns of a row.
+    columns: String,
+    truth: TrueFace,
+    picture: Frame,
+}
+
+impl View {
+    /// How far the measured side that looks this way is from the true one, and the face's sigma, mm; not numbers if it was not measured.
+    fn measured_mm(&self, measured: &FaceOutcome, outwards: [f64; 2]) -> [f64; 2] {
+        let side = measured.measured().and_then(|face| measured_side(face, &self.truth, outwards));
+        side.unwrap_or([f64::NAN; 2])
+    }
+}
+
+/// Does something with each frame of a recording that shows a face.
+fn each_view(folder: &Path, print: impl Fn(&View, &Calibration) -> Outcome<()>) -> Outcome<()> {
     let truth = read_truth(folder)?.unwrap_or_default();
     let recording = read_recording(folder)?;
     let calibration = read_calibration(&recording.calibration_file)?;
@@ -122,69 +138,50 @@ fn frames(network: &EdgeNet, folder: &Path) -> Outcome<()> {
         let Some(face) = truth.faces.iter().find(|f| f.frame == frame.id) else { continue };
         let Some(truth) = TrueFace::of(face) else { continue };
         let picture = Frame::from_jpeg(&std::fs::read(&frame.file)?)?;
-        let recorder = Recorder { network, odds: Mutex::new(None), rows: Mutex::new(Vec::new()) };
-        let settings = Settings { network: Some(&recorder), least_confidence: 0.0, ..Settings::default() };
-        let measured = measure_face(&picture, &calibration, &settings)?.outcome;
-        let rows = recorder.rows.into_inner().unwrap_or_else(PoisonError::into_inner);
-        let mut before = 0;
-        // Other planes are tried after the first one: the sides begin again.
-        for Row { strip, told, seen, hidden } in
-            rows.iter().take_while(|row| std::mem::replace(&mut before, row.strip.side) <= row.strip.side)
-        {
-            let Some(off_px) = truth.off_px(strip.middle, strip.outwards) else { continue };
-            let [off_mm, sigma_mm] = match &measured {
-                FaceOutcome::Measured(face) => measured_side(face, &truth, strip.outwards),
-                FaceOutcome::Rejected(_) => None,
-            }
-            .unwrap_or([f64::NAN; 2]);
-            let [p, q] = strip.light.beyond;
-            let strength = strip.values[(boxline::network::STRIP[1] * 2 - 1) * boxline::network::STRIP[2]];
-            println!(
-                "{name},{},{},{},{off_px:.2},{:.4},{:.2},{:.4},{strength:.3},{told:.4},{seen:.6},{hidden:.4},{off_mm:.3},{sigma_mm:.3},{p:.2},{q:.2},{:.2}",
-                frame.id,
-                u8::from(face.refuse.is_some()),
-                strip.side,
-                truth.mm_per_px,
-                truth.radius_mm,
-                strip.log_odds,
-                strip.light.missing,
-            );
-        }
+        let columns = format!("{name},{},{}", frame.id, u8::from(face.refuse.is_some()));
+        print(&View { columns, truth, picture }, &calibration)?;
+    }
+    Ok(())
+}
+
+/// Prints the lines of a frame.
+fn with_network(network: &EdgeNet, view: &View, calibration: &Calibration) -> Outcome<()> {
+    let View { columns, truth, picture } = view;
+    let recorder = Recorder { network, odds: Mutex::new(None), rows: Mutex::new(Vec::new()) };
+    let settings = Settings { network: Some(&recorder), least_confidence: 0.0, ..Settings::default() };
+    let measured = measure_face(picture, calibration, &settings)?.outcome;
+    let rows = recorder.rows.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let mut before = 0;
+    // Other planes are tried after the first one: the sides begin again.
+    for Row { strip, told, seen, hidden } in
+        rows.iter().take_while(|row| std::mem::replace(&mut before, row.strip.side) <= row.strip.side)
+    {
+        let Some(off_px) = truth.off_px(strip.middle, strip.outwards) else { continue };
+        let [off_mm, sigma_mm] = view.measured_mm(&measured, strip.outwards);
+        let [p, q] = strip.light.beyond;
+        let strength = strip.values[(boxline::network::STRIP[1] * 2 - 1) * boxline::network::STRIP[2]];
+        println!(
+            "{columns},{},{off_px:.2},{:.4},{:.2},{:.4},{strength:.3},{told:.4},{seen:.6},{hidden:.4},{off_mm:.3},{sigma_mm:.3},{p:.2},{q:.2},{:.2}",
+            strip.side, truth.mm_per_px, truth.radius_mm, strip.log_odds, strip.light.missing,
+        );
     }
     Ok(())
 }
 
 /// The same without a network.
-fn frames_alone(folder: &Path) -> Outcome<()> {
-    let truth = read_truth(folder)?.unwrap_or_default();
-    let recording = read_recording(folder)?;
-    let calibration = read_calibration(&recording.calibration_file)?;
-    let name = folder.file_name().unwrap_or_default().to_string_lossy();
-    for frame in &recording.frames {
-        let Some(face) = truth.faces.iter().find(|f| f.frame == frame.id) else { continue };
-        let Some(truth) = TrueFace::of(face) else { continue };
-        let picture = Frame::from_jpeg(&std::fs::read(&frame.file)?)?;
-        let settings = Settings { least_confidence: 0.0, ..Settings::default() };
-        let measured = measure_face(&picture, &calibration, &settings)?.outcome;
-        for line in side_lines(&picture, &calibration) {
-            let Some(off_px) = truth.off_px(line.middle, line.outwards) else { continue };
-            let [off_mm, _] = match &measured {
-                FaceOutcome::Measured(face) => measured_side(face, &truth, line.outwards),
-                FaceOutcome::Rejected(_) => None,
-            }
-            .unwrap_or([f64::NAN; 2]);
-            let clues = line.clues.map(|clue| format!("{clue:.4}")).join(",");
-            let [p, q] = line.light.beyond;
-            println!(
-                "{name},{},{},{},{off_px:.2},{:.4},{:.2},{clues},{p:.2},{q:.2},{:.2},{off_mm:.3}",
-                frame.id,
-                u8::from(face.refuse.is_some()),
-                line.side,
-                truth.mm_per_px,
-                truth.radius_mm,
-                line.light.missing,
-            );
-        }
+fn alone(view: &View, calibration: &Calibration) -> Outcome<()> {
+    let View { columns, truth, picture } = view;
+    let settings = Settings { least_confidence: 0.0, ..Settings::default() };
+    let measured = measure_face(picture, calibration, &settings)?.outcome;
+    for line in side_lines(picture, calibration) {
+        let Some(off_px) = truth.off_px(line.middle, line.outwards) else { continue };
+        let [off_mm, _] = view.measured_mm(&measured, line.outwards);
+        let clues = line.clues.map(|clue| format!("{clue:.4}")).join(",");
+        let [p, q] = line.light.beyond;
+        println!(
+            "{columns},{},{off_px:.2},{:.4},{:.2},{clues},{p:.2},{q:.2},{:.2},{off_mm:.3}",
+            line.side, truth.mm_per_px, truth.radius_mm, line.light.missing,
+        );
     }
     Ok(())
 }
