@@ -1,4 +1,4 @@
-//! The one place that knows all stages and runs them in order: each frame by itself ([`face`]), then the box that the frames show together.
+//! The one place that knows all stages and runs them in order: each frame by itself (`face`), then the box that the frames show together.
 
 mod face;
 mod progress;
