@@ -2,11 +2,11 @@
 //! and a view that does not fit changes nothing.
 #![allow(clippy::unwrap_used)] // the helpers of tests are tests
 
-use boxline::{Frame, Network, Outcome, Settings, measure_box};
-use boxline_edgenet::{EdgeNet, Options};
+use boxline::{Frame, Outcome, measure_box};
 use boxline_proto::json::{parse_calibration, parse_recording, parse_truth};
 use boxline_sim::recording::{Hold, Kind, Recipe, render_recording};
 use boxline_sim::{Split, Stock};
+use boxline_tests::shipped;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -30,10 +30,8 @@ fn a_box_whose_print_hides_its_stripes_is_measured_with_its_twin() {
         let recorded = recording.frames.iter().find(|frame| frame.id == id).unwrap();
         Frame::from_jpeg(&files[recorded.file.to_str().unwrap()]).unwrap()
     };
-    let network = EdgeNet::embedded(&Options::default()).unwrap();
-    let settings = Settings { network: Some(&network as &dyn Network), ..Settings::default() };
     let outcome =
-        |frames: &[Frame; 2]| measure_box(&frames.each_ref(), &calibration, &settings).unwrap().outcome;
+        |frames: &[Frame; 2]| measure_box(&frames.each_ref(), &calibration, &shipped()).unwrap().outcome;
     let mut frames = ["a", "b"].map(frame);
     let plain = outcome(&frames);
     assert!(matches!(plain, Outcome::Rejected(_)), "{plain:?}");

@@ -7,7 +7,7 @@ use boxline::{
     BoxReport, EdgeMethod, Error, FaceOutcome, Frame, Method, Network, Settings, measure_box, measure_face,
 };
 use boxline_edgenet::{EdgeNet, Options};
-use boxline_tests::{FrameThreads, Recorded};
+use boxline_tests::{FrameThreads, Recorded, shipped};
 
 /// The paper's promise; a right outline is far within it, a wrong one far outside.
 const PROMISED_MM: f64 = 5.0;
@@ -17,11 +17,8 @@ const LEAST_MEASURED: [(f64, usize); 2] = [(boxline::measurement::LEAST_CONFIDEN
 
 #[test]
 fn recorded_frames_are_right_or_refused() {
-    let network = EdgeNet::embedded(&Options::default()).unwrap();
     for (least_confidence, least_measured) in LEAST_MEASURED {
-        let settings =
-            Settings { network: Some(&network as &dyn Network), least_confidence, ..Settings::default() };
-        right_or_refused(&settings, least_measured);
+        right_or_refused(&Settings { least_confidence, ..shipped() }, least_measured);
     }
 }
 
@@ -57,10 +54,9 @@ fn right_or_refused(settings: &Settings, least_measured: usize) {
 
 #[test]
 fn frames_side_by_side_ask_the_network_side_by_side_and_give_the_same_report() {
-    let network = EdgeNet::embedded(&Options::default()).unwrap();
     let recorded = Recorded::read("b02");
     let frames = ["a", "b", "a"].map(|id| recorded.frame(id));
-    let alone = Settings { network: Some(&network as &dyn Network), ..Settings::default() };
+    let alone = shipped();
     let together = Settings { workers: Some(&FrameThreads), ..alone };
     for count in 1..=3 {
         let frames: Vec<&Frame> = frames.iter().take(count).collect();

@@ -1,7 +1,7 @@
 //! Robust statistics, once for all stages: medians, the standard deviation that a median of residuals stands for, Tukey's weights.
 
 /// Median of the absolute values of a normal distribution, in standard deviations.
-const MEDIAN_SIGMAS: f64 = 0.6745;
+pub(crate) const MEDIAN_SIGMAS: f64 = 0.6745;
 /// Tukey's constant: residuals beyond so many sigmas do not count, which leaves 95 % of the efficiency for normal ones (Huber and Ronchetti,
 /// Robust Statistics, 2nd ed., 4.8).
 pub(crate) const TUKEY: f64 = 4.685;

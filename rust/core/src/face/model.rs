@@ -56,7 +56,7 @@ pub(crate) enum Source {
 
 /// A point of a stripe or of a side.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Seen {
+pub(crate) struct Observation {
     pub source: Source,
     pub at: Px,
     /// Standard deviation across the stripe or side.
@@ -64,7 +64,7 @@ pub(crate) struct Seen {
     view: PxView,
 }
 
-impl Seen {
+impl Observation {
     pub fn new(camera: &CameraModel, source: Source, at: Px, sigma_px: f64) -> Self {
         Self { source, at, sigma_px, view: PxView::new(camera, at) }
     }
@@ -202,14 +202,14 @@ struct SideLine {
 
 impl Lines {
     /// A point against its line. `None` where the model says nothing of it.
-    pub fn row(&self, seen: &Seen) -> Option<Row> {
+    pub fn row(&self, seen: &Observation) -> Option<Row> {
         match seen.source {
             Source::Stripe(laser) => self.stripe_row(laser, seen),
             Source::Edge(side) => self.side_row(side, seen),
         }
     }
 
-    fn stripe_row(&self, laser: usize, seen: &Seen) -> Option<Row> {
+    fn stripe_row(&self, laser: usize, seen: &Observation) -> Option<Row> {
         let (mut row, ray) = Row::new(seen, &self.stripes[laser])?;
         let on_axes = self.axes.tr_mul(&ray);
         row.derivative_px[0] = -self.per_mm * on_axes.y;
@@ -219,7 +219,7 @@ impl Lines {
         Some(row)
     }
 
-    fn side_row(&self, side: usize, seen: &Seen) -> Option<Row> {
+    fn side_row(&self, side: usize, seen: &Observation) -> Option<Row> {
         let (across, _) = SIDES[side];
         let line = &self.sides[side];
         let (mut row, ray) = Row::new(seen, &line.in_camera)?;
@@ -256,7 +256,7 @@ fn lever(side: usize) -> f64 {
 
 impl Row {
     /// A point against a line `line . x = 0`, without the face's derivatives, and the point's ray times the factor to px.
-    fn new(seen: &Seen, line: &Vector3<f64>) -> Option<(Self, Vector3<f64>)> {
+    fn new(seen: &Observation, line: &Vector3<f64>) -> Option<(Self, Vector3<f64>)> {
         let factor_px = seen.view.factor_px(line)?;
         let ray = seen.view.ray.xy1 * factor_px;
         let row = Self {
@@ -292,10 +292,10 @@ mod tests {
     use proptest::prelude::*;
 
     /// Five points of each stripe and side, anywhere: the model is no approximation near its lines.
-    fn points(camera: &CameraModel) -> Vec<Seen> {
+    fn points(camera: &CameraModel) -> Vec<Observation> {
         let sources = (0..4).flat_map(|k| [Source::Stripe(k), Source::Edge(k)]);
         let places = [(1250.0, 960.0), (700.0, 1300.0), (1900.0, 600.0), (1500.0, 1500.0), (900.0, 400.0)];
-        let seen = |source| places.map(|(u, v)| Seen::new(camera, source, Px::new(u, v), 0.3));
+        let seen = |source| places.map(|(u, v)| Observation::new(camera, source, Px::new(u, v), 0.3));
         sources.flat_map(seen).collect()
     }
 
@@ -349,7 +349,7 @@ mod tests {
             for p in &points(calibration.camera()) {
                 let here = face.lines(lasers).row(p).expect("in view");
                 let (_, factor_px) = without_factor(&face, camera, &here);
-                let px = |face: &FaceState, lasers: &[Plane<Cam>; 4], p: &Seen| {
+                let px = |face: &FaceState, lasers: &[Plane<Cam>; 4], p: &Observation| {
                     let row = face.lines(lasers).row(p).expect("in view");
                     without_factor(face, camera, &row).0 * factor_px
                 };

@@ -2,7 +2,7 @@
 
 use super::FaceLines;
 use crate::camera::CameraModel;
-use crate::face::model::{FaceState, OFFSETS, Row, SHAPE, Seen, Source, Unknowns, solve};
+use crate::face::model::{FaceState, OFFSETS, Observation, Row, SHAPE, Source, Unknowns, solve};
 use crate::frames::{Cam, Plane};
 use nalgebra::{SMatrix, SVector};
 
@@ -75,7 +75,12 @@ impl FittedFace {
         fitted.chi_square.is_finite().then_some(fitted)
     }
 
-    fn at(lasers: &[Plane<Cam>; 4], seen: &[Seen], known: &[KnownSide], state: &FaceState) -> Option<Self> {
+    fn at(
+        lasers: &[Plane<Cam>; 4],
+        seen: &[Observation],
+        known: &[KnownSide],
+        state: &FaceState,
+    ) -> Option<Self> {
         let mut sums = Self {
             state: *state,
             chi_square: 0.0,

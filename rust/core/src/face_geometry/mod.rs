@@ -10,7 +10,7 @@ pub(crate) mod view;
 
 use crate::calibration::Calibration;
 use crate::camera::CameraModel;
-use crate::face::model::{Seen, Source};
+use crate::face::model::{Observation, Source};
 use crate::frames::Ray;
 use crate::measurement::FaceMeasurement;
 use crate::statistics::{TUKEY, robust_sigma, tukey_weight};
@@ -63,11 +63,12 @@ impl FaceLines {
     }
 
     /// All 16 points.
-    fn seen(&self, camera: &CameraModel) -> Vec<Seen> {
+    fn seen(&self, camera: &CameraModel) -> Vec<Observation> {
         let stripes = self.stripes.iter().enumerate().map(|(k, line)| (Source::Stripe(k), line));
         let sides = self.sides.iter().enumerate().map(|(k, line)| (Source::Edge(k), line));
-        let points =
-            |(source, line): (Source, &Line)| line.map(|p| Seen::new(camera, source, p.at, p.sigma_px));
+        let points = |(source, line): (Source, &Line)| {
+            line.map(|p| Observation::new(camera, source, p.at, p.sigma_px))
+        };
         stripes.chain(sides).flat_map(points).collect()
     }
 }

@@ -2,7 +2,7 @@
 //! diagonal stripe directions, in units of the local noise.
 
 use super::{Frame, LANES, word};
-use crate::statistics::robust_sigma_f32;
+use crate::statistics::{MEDIAN_SIGMAS, robust_sigma_f32};
 use crate::units::Px;
 
 /// Direction of a stripe pair in the image.
@@ -178,8 +178,8 @@ pub(super) struct Gain {
 impl Gain {
     /// By a sample of how much the sums change.
     pub(super) fn new(slopes: &[i16]) -> Self {
-        // Median of |difference| is 0.6745 sigma; the floor is half a grey level per pixel (8 x 5 sums): JPEG's own step.
-        let sigma = (f32::from(median(slopes)) / 0.6745).max(0.5 * 8.0 * ALONG as f32 / 2.0);
+        // The floor is half a grey level per pixel (8 x 5 sums): JPEG's own step.
+        let sigma = (f32::from(median(slopes)) / MEDIAN_SIGMAS as f32).max(0.5 * 8.0 * ALONG as f32 / 2.0);
         Self {
             most: (Z_CLIP * sigma).min(f32::from(i16::MAX)) as i16,
             gain: (GAIN_ONE as f32 * Z_STEPS / sigma).round() as i16,

@@ -91,7 +91,7 @@ fn put_together(
     settings: &Settings,
 ) -> BoxReport {
     if settings.edges == EdgeMethod::Hough {
-        return by_the_paper(frames, results, calibration, settings);
+        return of_measured_faces(frames, results, calibration, settings);
     }
     let of_frames: Vec<Option<&FaceHypotheses>> =
         results.iter().map(|result| result.hypotheses.as_ref().ok()).collect();
@@ -102,7 +102,7 @@ fn put_together(
     let boxes = likeliest_boxes(&of_frames, agree, |a, b| cuboid::same_outcome(&a.outcome, &b.outcome));
     let likeliest = candidates(&boxes, settings);
     let Some(BoxHypothesis { faces, agreed, probability }) = boxes.into_iter().next() else {
-        let report = by_the_paper(frames, results, calibration, settings);
+        let report = of_measured_faces(frames, results, calibration, settings);
         let outcome = match report.outcome {
             Outcome::Rejected(reject) => reject,
             // Faces that agree, and so badly that they are no box of any weight.
@@ -125,7 +125,7 @@ fn put_together(
 }
 
 /// The box of the faces that were measured, no probability stated.
-fn by_the_paper(
+fn of_measured_faces(
     frames: &[&Frame],
     results: &[FrameResult],
     calibration: &Calibration,

@@ -13,6 +13,7 @@ use super::uncertainty::{CAUSES, Causes, EDGE_SYSTEMATIC_PX, EDGES, TILTS};
 use crate::calibration::Calibration;
 use crate::face::model::{Row, SHAPE, Source};
 use crate::face::outline::{SIDES, span_mm};
+use crate::statistics::median;
 use crate::units::LaserId;
 use crate::warning::{Warning, WarningKind};
 use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, SVector, Vector3};
@@ -247,12 +248,11 @@ fn own_noise(rows: &[Row]) -> Option<Vec<Row>> {
                     right += shape(k) * (weight * rows[*i].px);
                 }
                 curve = normal.cholesky()?.solve(&right);
-                let mut sizes: Vec<f64> = members
+                let sizes = members
                     .iter()
                     .enumerate()
-                    .map(|(k, i)| ((rows[*i].px - curve.dot(&shape(k))) / rows[*i].sigma_px).abs())
-                    .collect();
-                scale = 3.0 * sizes.select_nth_unstable_by(count / 2, f64::total_cmp).1.max(0.1);
+                    .map(|(k, i)| ((rows[*i].px - curve.dot(&shape(k))) / rows[*i].sigma_px).abs());
+                scale = 3.0 * median(sizes)?.max(0.1);
             }
             // Three of so many went into the parabola.
             let lost = (count as f64 / (count as f64 - 3.0)).sqrt();

@@ -79,11 +79,9 @@ pub(crate) fn measure(
     for (correction, beside) in corrections.iter_mut().zip(&beside) {
         correction.sigma_mm = correction.sigma_mm.hypot(beside.sigma_mm);
     }
-    if let Some(off_mm) = misplaced_mm {
-        let beyond_ends = off_mm.iter().filter(|off| **off < -TOO_FAR_PX * rough.mm_per_px).count() as u8;
-        if beyond_ends > 0 {
-            return Err(Reject::RectangleOpen { sides_found: 4 - beyond_ends });
-        }
+    let beyond_ends = misplaced_mm.iter().filter(|off| **off < -TOO_FAR_PX * rough.mm_per_px).count() as u8;
+    if beyond_ends > 0 {
+        return Err(Reject::RectangleOpen { sides_found: 4 - beyond_ends });
     }
     let face = if settings.method == Method::Keypoints {
         let points = key_points::measure(calibration, face, fit, edges).ok_or_else(open)?;

@@ -164,15 +164,12 @@ fn surely((told, seen): (f64, Option<f64>), mm_per_px: f64, light: f64, left: f6
 mod tests {
     use super::*;
 
+    fn line(offset_mm: f64, told: f64, seen: f64) -> Line {
+        Line { offset_mm, told, seen: Some(seen), strength: 0.5, ..Line::default() }
+    }
+
     #[test]
     fn a_line_that_the_network_of_sides_does_not_see_is_less_sure_and_the_others_are_not_surer_for_it() {
-        let line = |offset_mm, told, seen| Line {
-            offset_mm,
-            told,
-            seen: Some(seen),
-            strength: 0.5,
-            ..Line::default()
-        };
         let of = |seen| choices(vec![line(10.0, 8.0, seen), line(50.0, 4.0, 0.01)], 0.7);
         let (both, one) = (of(0.97), of(0.03));
         assert!(both[0].probability > 0.95 && one[0].probability < 0.9, "{both:?} {one:?}");
@@ -183,15 +180,7 @@ mod tests {
 
     #[test]
     fn light_that_speaks_against_the_likeliest_line_makes_it_less_sure_or_another_likelier() {
-        let line = |offset_mm, told, light| Line {
-            offset_mm,
-            told,
-            seen: Some(0.9),
-            light,
-            strength: 0.5,
-            ..Line::default()
-        };
-        let of = |light| choices(vec![line(10.0, 6.0, light), line(50.0, 4.0, 0.0)], 0.5);
+        let of = |light| choices(vec![Line { light, ..line(10.0, 6.0, 0.9) }, line(50.0, 4.0, 0.9)], 0.5);
         let (clear, doubtful, contradicted) = (of(0.0), of(-1.0), of(-4.0));
         assert!(clear[0].probability > doubtful[0].probability + 0.01, "{clear:?} {doubtful:?}");
         assert!(doubtful[0].offset_mm == 10.0 && contradicted[0].offset_mm == 50.0, "{contradicted:?}");
@@ -199,13 +188,6 @@ mod tests {
 
     #[test]
     fn two_judges_who_favour_different_lines_are_not_sure() {
-        let line = |offset_mm, told, seen| Line {
-            offset_mm,
-            told,
-            seen: Some(seen),
-            strength: 0.5,
-            ..Line::default()
-        };
         let found = choices(vec![line(10.0, 5.0, 0.97), line(50.0, 8.0, 0.01)], 0.7);
         assert!(found[0].offset_mm == 10.0 && found[0].probability < 0.95, "{found:?}");
     }

@@ -4,7 +4,7 @@
 
 use crate::calibration::Calibration;
 use crate::edges::EdgePoint;
-use crate::face::model::{Covariance, FaceState, Row, SHAPE, Seen, Source, UNKNOWNS, Unknowns, solve};
+use crate::face::model::{Covariance, FaceState, Observation, Row, SHAPE, Source, UNKNOWNS, Unknowns, solve};
 use crate::face::plane_fit::StripeObservation;
 use crate::face::raster::{OnPlane, PlaneRaster};
 use crate::statistics::{median, robust_sigma, tukey_weight};
@@ -73,7 +73,7 @@ const MOST_NEIGHBOURS: usize = 12;
 pub(crate) struct Problem<'a> {
     calibration: &'a Calibration,
     /// Stripes first, then edges, side by side.
-    seen: Vec<Seen>,
+    seen: Vec<Observation>,
     /// What the face's bow adds to the residual of each stripe point, px; empty for a flat face.
     pub bow_px: &'a [f64],
 }
@@ -84,7 +84,7 @@ impl<'a> Problem<'a> {
         stripes: &[StripeObservation],
         edges: &[Vec<EdgePoint>; 4],
     ) -> Self {
-        let seen = |source, at, sigma_px| Seen::new(calibration.camera(), source, at, sigma_px);
+        let seen = |source, at, sigma_px| Observation::new(calibration.camera(), source, at, sigma_px);
         let stripes = stripes.iter().map(|o| seen(Source::Stripe(o.laser.index()), o.at, o.sigma_px));
         let edges = edges.iter().enumerate();
         let edges = edges.flat_map(|(side, points)| {

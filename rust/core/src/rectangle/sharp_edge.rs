@@ -68,8 +68,8 @@ const FLATNESS_MM: f64 = 0.15;
 /// What is known of the four sides, in the order of [`SIDES`].
 pub(crate) struct Sharpened {
     pub corrections: [Correction; 4],
-    /// How far outwards, mm, the stripes' ends want each side, if some of them are far from its line.
-    pub misplaced_mm: Option<[f64; 4]>,
+    /// How far outwards, mm, the stripes' ends want each side; 0 where they are not far from its line.
+    pub misplaced_mm: [f64; 4],
 }
 
 /// Both ends of a side want it elsewhere if that is farther than this many sigmas and px: edges and ends scatter by 1 to 2 px.
@@ -95,7 +95,7 @@ pub(crate) fn sharpen(
         rounding::explain(&profile, &rules[side], view)
     });
     let by_shading = rounding::corrections(&rules, &views, &tables);
-    let mut misplaced_mm = None;
+    let mut misplaced_mm = [0.0; 4];
     let mut contradicted = [None; 4];
     for side in 0..4 {
         let Some(ends) = stripe_ends::find(
@@ -111,7 +111,7 @@ pub(crate) fn sharpen(
         let off_mm = off_mm(&ends, &by_shading[side], &views[side]);
         let far = off_mm.abs() > MISPLACED.0 * by_shading[side].sigma_mm.hypot(ends.sigma_mm);
         if far && ends.agree && off_mm.abs() > MISPLACED.1 * ends.mm_per_px {
-            misplaced_mm.get_or_insert([0.0; 4])[side] = off_mm;
+            misplaced_mm[side] = off_mm;
         }
         if far {
             contradicted[side] = Some(off_mm);
