@@ -68,6 +68,16 @@ fn frames_side_by_side_ask_the_network_side_by_side_and_give_the_same_report() {
     }
 }
 
+/// The paper's way to edges, with the lines that the network and the other evidence choose: only on the paper's own map nothing weighs them.
+#[test]
+fn hough_lines_beside_the_network_s_outline_come_with_a_probability() {
+    let recorded = Recorded::read("b02");
+    let (a, b) = (recorded.frame("a"), recorded.frame("b"));
+    let settings = Settings { edges: EdgeMethod::Hough, ..shipped() };
+    let report = measure_box(&[&a, &b], &recorded.calibration, &settings).unwrap();
+    assert!(report.confidence.is_some_and(|p| p >= settings.least_confidence), "{report:?}");
+}
+
 /// The paper's single map as the network that ships would give it: stripes on the face and the face's edges, not told apart.
 struct AsOneMap(EdgeNet);
 

@@ -34,7 +34,7 @@ use serde_json::{Map, Value, json};
 ///  "warnings": [{"kind": "sides_differ", "difference_mm": 0, .., "text": "for people"}]}
 /// ```
 /// The sides are there if the outcome is `measured`, the two candidates if it is `ambiguous`; `settled` if stripes on neighbouring
-/// faces told an A x A x B box from A x B x B. `confidence` is the probability that the result is right, `null` by the paper's way;
+/// faces told an A x A x B box from A x B x B. `confidence` is the probability that the result is right, `null` on the paper's map;
 /// `likeliest` the likeliest boxes of a refused one; `third_face_helps` that two frames leave open what a third may settle. The plane's unit normal points away from the camera (frame: camera). `surface_mm`
 /// is how far the surface lies from the plane, towards the camera, at a position from the face's middle. The hint is `null` if the view
 /// was not refused or moving does not help. `light` is what the stripes' light says of each side ([`boxline::SideLight`]).

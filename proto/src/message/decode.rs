@@ -99,7 +99,7 @@ fn straightness(messages: Vec<v1::Straightness>) -> Result<[Straightness; 4], Er
     Ok(sides)
 }
 
-/// Four sides, or none in a message of an older program or by the paper's way.
+/// Four sides, or none in a message of an older program or on the paper's map.
 fn side_light(names: Vec<String>) -> Result<Option<[SideLight; 4]>, Error> {
     if names.is_empty() {
         return Ok(None);

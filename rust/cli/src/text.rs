@@ -74,7 +74,7 @@ pub fn of_face(report: &FaceReport, name: &str) -> String {
     text
 }
 
-/// How probable it is that the sides lie on the right lines, if a network was asked.
+/// How probable it is that the sides lie on the right lines, if that is stated.
 fn push_confidence(text: &mut String, confidence: Option<f64>) {
     match confidence {
         // Nothing is certain.

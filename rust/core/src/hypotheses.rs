@@ -32,7 +32,7 @@ pub(crate) struct MeasuredOutline {
     pub face: Result<Box<FaceMeasurement>, Reject>,
 }
 
-/// What a frame shows: the face or, if a network has said where it is, the faces it may be, likeliest first.
+/// What a frame shows: the faces that it may be, likeliest first; on the paper's map the one that was found.
 pub(crate) struct FaceHypotheses {
     pub faces: Vec<FaceHypothesis>,
     /// Why the likeliest does not count by itself.

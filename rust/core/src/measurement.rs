@@ -170,9 +170,9 @@ pub struct FaceMeasurement {
     pub straightness: [Straightness; 4],
     /// Length and width of the smallest rectangle of this direction that encloses the face: what a tunnel on a belt reads.
     pub enclosing: [Estimate; 2],
-    /// What the stripes' light says of each side, in the same order; `None` by the paper's way, or in a decoded message of an older program.
+    /// What the stripes' light says of each side, in the same order; `None` on the paper's map, or in a decoded message of an older program.
     pub light: Option<[SideLight; 4]>,
-    /// Probability that both sides are within 5 mm ([`crate::confidence`]), as this frame alone tells; `None` by the paper's way.
+    /// Probability that both sides are within 5 mm ([`crate::confidence`]), as this frame alone tells; `None` on the paper's map.
     pub confidence: Option<f64>,
 }
 

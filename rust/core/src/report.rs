@@ -28,7 +28,7 @@ pub struct BoxReport {
     pub warnings: Vec<Warning>,
     /// What told an A x A x B box from A x B x B, if that was needed and seen.
     pub settled: Option<DepthSeen>,
-    /// Probability that every side of a measured or ambiguous box is within 5 mm ([`crate::confidence`]). `None` by the paper's way.
+    /// Probability that every side of a measured or ambiguous box is within 5 mm ([`crate::confidence`]). `None` on the paper's map.
     pub confidence: Option<f64>,
     /// Of a refused box the two likeliest, fewer if the faces that the frames may show make fewer. None is likely enough to be a result.
     /// An A x A x B box that no stripe settles stands there as both that it may be, each with half of the probability.

@@ -123,7 +123,7 @@ fn chosen_network<'a>(settings: &Settings<'a>) -> Option<&'a dyn Network> {
 }
 
 /// The paper's network, if this way of finding edges asks it.
-fn paper_network<'a>(settings: &Settings<'a>) -> Option<&'a dyn EdgeMapNetwork> {
+pub(super) fn paper_network<'a>(settings: &Settings<'a>) -> Option<&'a dyn EdgeMapNetwork> {
     settings.edge_map.filter(|_| settings.edges == EdgeMethod::Hough)
 }
 

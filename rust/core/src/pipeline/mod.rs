@@ -11,13 +11,12 @@ use crate::error::{Error, ErrorKind};
 use crate::hypotheses::{BoxHypothesis, FaceHypotheses, LIKELIEST, likeliest_boxes};
 use crate::image::Frame;
 use crate::measurement::{
-    BoxMeasurement, Candidate, DepthSeen, EdgeMethod, FaceMeasurement, FaceOutcome, Outcome, Settings,
-    StageTimes,
+    BoxMeasurement, Candidate, DepthSeen, FaceMeasurement, FaceOutcome, Outcome, Settings, StageTimes,
 };
 use crate::reject::Reject;
 use crate::report::{BoxReport, FaceReport};
 use crate::warning::Warning;
-use face::{FrameResult, located, see_face, unsure};
+use face::{FrameResult, located, paper_network, see_face, unsure};
 use progress::add_time;
 use std::ops::RangeInclusive;
 
@@ -90,7 +89,8 @@ fn put_together(
     calibration: &Calibration,
     settings: &Settings,
 ) -> BoxReport {
-    if settings.edges == EdgeMethod::Hough {
+    // On the paper's map nothing weighs one line against another.
+    if paper_network(settings).is_some() {
         return of_measured_faces(frames, results, calibration, settings);
     }
     let of_frames: Vec<Option<&FaceHypotheses>> =

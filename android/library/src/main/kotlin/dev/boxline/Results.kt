@@ -7,7 +7,7 @@ public sealed interface MeasureResult {
         public val size: BoxSize,
         /** The smallest box that encloses it, edges that bow and wave included: what a carrier's tunnel reads. */
         public val enclosing: BoxSize,
-        /** Probability that every side is within 5 mm, 0 to 1; null by the paper's way. */
+        /** Probability that every side is within 5 mm, 0 to 1; null on the paper's map. */
         public val confidence: Double?,
         /** What looked odd; empty as a rule. */
         public val warnings: List<Warning>,
