@@ -3,35 +3,21 @@
 #![allow(clippy::unwrap_used)] // the helpers of tests are tests
 
 use boxline::{Frame, Outcome, measure_box};
-use boxline_proto::json::{parse_calibration, parse_recording, parse_truth};
-use boxline_sim::recording::{Hold, Kind, Recipe, render_recording};
+use boxline_sim::recording::{Hold, Kind, Recipe};
 use boxline_sim::{Split, Stock};
-use boxline_tests::shipped;
-use std::collections::BTreeMap;
-use std::path::Path;
+use boxline_tests::{Rendered, shipped};
 
 /// Stripes of this box are lost among its print (`boxline evaluate --simulate 1 --seed 100010709`, with and without `--off`).
 const SEED: u64 = 100_010_709;
 
 #[test]
 fn a_box_whose_print_hides_its_stripes_is_measured_with_its_twin() {
-    let mut files = BTreeMap::new();
     let recipe = Recipe { off: Some(Hold::Hand), ..Recipe::new(SEED, Kind::Box) };
-    let stock = Stock::new(Split::HeldOut);
-    render_recording(&recipe, &stock, |name, bytes| {
-        files.insert(name.to_owned(), bytes);
-        Ok(())
-    })
-    .unwrap();
-    let recording = parse_recording(&files["recording.json"], "recording.json", Path::new("")).unwrap();
-    let calibration = parse_calibration(&files["calibration.json"], "calibration.json").unwrap();
-    let truth_mm = parse_truth(&files["truth.json"], "truth.json").unwrap().box_mm.unwrap();
-    let frame = |id: &str| {
-        let recorded = recording.frames.iter().find(|frame| frame.id == id).unwrap();
-        Frame::from_jpeg(&files[recorded.file.to_str().unwrap()]).unwrap()
-    };
+    let rendered = Rendered::new(&recipe, &Stock::new(Split::HeldOut));
+    let truth_mm = rendered.truth.box_mm.unwrap();
+    let frame = |id| rendered.frame(id);
     let outcome =
-        |frames: &[Frame; 2]| measure_box(&frames.each_ref(), &calibration, &shipped()).unwrap().outcome;
+        |frames: &[Frame; 2]| measure_box(&frames.each_ref(), &rendered.calibration, &shipped()).unwrap().outcome;
     let mut frames = ["a", "b"].map(frame);
     let plain = outcome(&frames);
     assert!(matches!(plain, Outcome::Rejected(_)), "{plain:?}");

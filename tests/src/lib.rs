@@ -3,8 +3,10 @@
 #![allow(clippy::missing_panics_doc)]
 
 mod expected;
+mod rendered;
 
 pub use expected::{check_expected, face_summary, report_summary};
+pub use rendered::Rendered;
 
 use boxline::{Calibration, Frame, Network, Settings, Workers};
 use boxline_edgenet::{EdgeNet, Options};
