@@ -16,8 +16,9 @@ fn a_box_whose_print_hides_its_stripes_is_measured_with_its_twin() {
     let rendered = Rendered::new(&recipe, &Stock::new(Split::HeldOut));
     let truth_mm = rendered.truth.box_mm.unwrap();
     let frame = |id| rendered.frame(id);
-    let outcome =
-        |frames: &[Frame; 2]| measure_box(&frames.each_ref(), &rendered.calibration, &shipped()).unwrap().outcome;
+    let outcome = |frames: &[Frame; 2]| {
+        measure_box(&frames.each_ref(), &rendered.calibration, &shipped()).unwrap().outcome
+    };
     let mut frames = ["a", "b"].map(frame);
     let plain = outcome(&frames);
     assert!(matches!(plain, Outcome::Rejected(_)), "{plain:?}");

@@ -164,9 +164,6 @@ fn face_stages(task: &Task, progress: &mut Progress) -> Result<FaceHypotheses, R
     };
     let missing = grid_search::three_stripes(calibration, &ridges[0], &ridges[1]);
     progress.lap("grid");
-    if let Some(laser) = missing {
-        return Err(Reject::StripeMissing { laser, stripes_on_face: 3 });
-    }
     let seen = progress.pose.take();
     let (width, height, laser_response) = half_laser_response(frame);
     let faint = diagonals.map(|d: Diagonal| faint_ridge_map(width, height, &laser_response, d));
@@ -178,7 +175,8 @@ fn face_stages(task: &Task, progress: &mut Progress) -> Result<FaceHypotheses, R
     task.tracer().planes(&faint, &planes);
     measure_on_planes(task, &planes, StripeContrast::Faint, progress).map_err(|faint| {
         progress.pose = progress.pose.take().or(seen);
-        faint.or(refusal).unwrap_or_else(|| no_box(0.0))
+        let missing = missing.map(|laser| Reject::StripeMissing { laser, stripes_on_face: 3 });
+        missing.or(faint).or(refusal).unwrap_or_else(|| no_box(0.0))
     })
 }
 

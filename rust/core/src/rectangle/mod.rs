@@ -43,8 +43,9 @@ const MAX_EDGE_RMS_PX: f64 = 1.5;
 const MAX_EDGE_RMS_MM: f64 = 2.0;
 
 /// A side that lies so far beyond where both its stripes end, px, is none: nothing that is not the face can be nearer to the head
-/// than its stripes.
+/// than its stripes. Near the head a stripe ends earlier by more px, where the edge is rounder than is taken for usual.
 const TOO_FAR_PX: f64 = 10.0;
+const TOO_FAR_MM: f64 = *rounding::CARDBOARD_MM.end() - sharp_edge::USUAL_RADIUS_MM;
 
 /// Fits the rectangle of a face and judges it.
 pub(crate) fn measure(
@@ -79,7 +80,8 @@ pub(crate) fn measure(
     for (correction, beside) in corrections.iter_mut().zip(&beside) {
         correction.sigma_mm = correction.sigma_mm.hypot(beside.sigma_mm);
     }
-    let beyond_ends = misplaced_mm.iter().filter(|off| **off < -TOO_FAR_PX * rough.mm_per_px).count() as u8;
+    let too_far_mm = TOO_FAR_MM.max(TOO_FAR_PX * rough.mm_per_px);
+    let beyond_ends = misplaced_mm.iter().filter(|off| **off < -too_far_mm).count() as u8;
     if beyond_ends > 0 {
         return Err(Reject::RectangleOpen { sides_found: 4 - beyond_ends });
     }

@@ -44,7 +44,7 @@ const BEHIND_PX: usize = 5;
 /// Six share cardboard's range, one lies beyond either end.
 const RADII: usize = 8;
 const RADII_MM: (f64, f64) = (0.42, 4.76);
-const CARDBOARD_MM: std::ops::RangeInclusive<f64> = 0.5..=4.0;
+pub(crate) const CARDBOARD_MM: std::ops::RangeInclusive<f64> = 0.5..=4.0;
 /// How likely a radius just beyond cardboard's is, against one within.
 const UNUSUAL: f64 = 0.15;
 /// Places of the sharp edge that are tried, in sigmas of what the radius alone tells.

@@ -48,7 +48,7 @@ const CREASE_SHARE: (f64, f64) = (0.37, 0.41);
 /// model (0.09, 0.26) and the same from rendered boxes (0.1).
 const SILHOUETTE_SHARE: (f64, f64) = (0.09, 0.26);
 /// Mean radius of cardboard's edges (0.5 to 4 mm, PHYSICS.md, every scale alike).
-const USUAL_RADIUS_MM: f64 = 1.7;
+pub(crate) const USUAL_RADIUS_MM: f64 = 1.7;
 /// Stripe points up to this far behind the face are used, mm: nearer ones lie on the rounding, farther ones only tell of
 /// the neighbouring face's own angle.
 const DEPTH_MM: (f64, f64) = (5.0, 120.0);

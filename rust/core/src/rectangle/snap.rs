@@ -84,7 +84,7 @@ pub(crate) fn snap_to_image(
             e.strength * (agreement(e.offset_mm - offset, sigma) * by_ends.unwrap_or(1.0)) as f32
         };
         let mut edges: Vec<EdgeCandidate> = scan
-            .candidates(DRIFT_PX * px, APART_PX * px, SUPPORT, 8)
+            .candidates(DRIFT_PX * px, APART_PX * px, SUPPORT, usize::MAX)
             .into_iter()
             .filter(|e| (e.offset_mm - offset).abs() <= reach)
             .collect();
@@ -115,4 +115,51 @@ pub(crate) fn snap_to_image(
 /// How well a place agrees with another, 1 at best: that of Cauchy's distribution, since both may be something else altogether.
 fn agreement(distance: f64, sigma: f64) -> f64 {
     1.0 / (1.0 + (distance / (1.5 * sigma)).powi(2))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::face::extent::{StripeContrast, follow_stripes, inner_segments};
+    use crate::frames::Plane;
+    use crate::scene::drawn::{DISTANCE_MM, Surface, drawn, face};
+    use nalgebra::Vector3;
+
+    /// Half the size of the face across both directions, mm; its edges are steps of paint from 1 to 0.7.
+    const HALF_MM: [f64; 2] = [170.0, 200.0];
+
+    #[test]
+    fn print_beside_a_side_however_strong_does_not_hide_its_edge() {
+        let (_, raster) = face();
+        let behind = Some(Plane::new(Vector3::z() / (DISTANCE_MM + 200.0)));
+        let px_mm =
+            raster.mm_per_px(&face().0, crate::face::raster::OnPlane::zeros()).expect("in the picture");
+        let frame = drawn(|at| {
+            let inside_mm = [HALF_MM[0] - at.x.abs(), HALF_MM[1] - at.y.abs()];
+            let on_face = inside_mm.iter().all(|mm| *mm > 0.0);
+            // Ten lines, each a stronger edge than the side itself.
+            let inside_px = inside_mm[0] / px_mm;
+            let printed = at.x > 0.0 && (12.0..62.0).contains(&inside_px) && inside_px % 10.0 < 5.0;
+            let paint = if printed {
+                0.2
+            } else if on_face {
+                1.0
+            } else {
+                0.7
+            };
+            Surface { on: if on_face { Some(raster.plane) } else { behind }, paint }
+        });
+        let (calibration, _) = face();
+        let inner =
+            inner_segments(&frame, &calibration, &raster.plane, StripeContrast::Clear).expect("four stripes");
+        let stripes = follow_stripes(&frame, &calibration, &inner, None).expect("a face");
+        let offsets_mm = [-HALF_MM[0], HALF_MM[0] + 2.0 * px_mm, -HALF_MM[1], HALF_MM[1]];
+        let outline = RoughRectangle::new(raster, offsets_mm, px_mm);
+        let found = snap_to_image(&frame, &calibration, &stripes, &outline).expect("four edges");
+        for (side, (offset_mm, true_mm)) in
+            found.offsets_mm.iter().zip([-HALF_MM[0], HALF_MM[0], -HALF_MM[1], HALF_MM[1]]).enumerate()
+        {
+            assert!((offset_mm - true_mm).abs() < 2.0 * px_mm, "side {side}: {offset_mm} for {true_mm} mm");
+        }
+    }
 }

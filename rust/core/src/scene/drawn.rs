@@ -1,4 +1,4 @@
-//! Pictures of a face under four stripes, for the tests of this folder.
+//! Pictures of a face under four stripes, for tests.
 
 use crate::calibration::Calibration;
 use crate::edges::linear_light;
@@ -9,7 +9,7 @@ use crate::paper_head::paper_head;
 use crate::units::Px;
 use nalgebra::Vector3;
 
-pub(super) const DISTANCE_MM: f64 = 900.0;
+pub(crate) const DISTANCE_MM: f64 = 900.0;
 /// Linear red of unpainted board, and what a stripe's middle adds to it as a share of it; of 255.
 const BOARD: f64 = 26.0;
 const STRIPE: f64 = 3.0;
@@ -17,7 +17,7 @@ const STRIPE: f64 = 3.0;
 const STRIPE_PX: f64 = 2.8;
 
 /// The face, square to the camera.
-pub(super) fn face() -> (Calibration, PlaneRaster) {
+pub(crate) fn face() -> (Calibration, PlaneRaster) {
     let calibration = paper_head(1.0);
     let plane = Plane::new(Vector3::z() / DISTANCE_MM);
     let raster = PlaneRaster::along(&plane, Vector3::z() * DISTANCE_MM, &Vector3::new(1.0, 1.0, 0.0));
@@ -25,13 +25,13 @@ pub(super) fn face() -> (Calibration, PlaneRaster) {
 }
 
 /// What a pixel sees: the surface that the lasers light, if there is one, and how bright its paint is.
-pub(super) struct Surface {
+pub(crate) struct Surface {
     pub on: Option<Plane<Cam>>,
     pub paint: f64,
 }
 
 /// A picture; each pixel is told where it sees the face's plane.
-pub(super) fn drawn(seen: impl Fn(OnPlane) -> Surface) -> Frame {
+pub(crate) fn drawn(seen: impl Fn(OnPlane) -> Surface) -> Frame {
     let (calibration, raster) = face();
     let [width, height] = [calibration.width_px() as usize, calibration.height_px() as usize];
     let mut rgb = vec![0u8; 3 * width * height];

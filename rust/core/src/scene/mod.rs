@@ -1,7 +1,7 @@
 //! What laser light shows of the face's surroundings: where it lies on the face's plane, and what does not.
 
 #[cfg(test)]
-mod drawn;
+pub(crate) mod drawn;
 pub(crate) mod hidden;
 mod in_front;
 pub(crate) mod lit;
