@@ -2,11 +2,11 @@
 //! of the set beside this repository where it is.
 #![allow(clippy::unwrap_used)] // the helpers of tests are tests
 
-use boxline::calib::{
+use boxline::{Calibration, Frame, LaserId};
+use boxline_calib::{
     Board, BoardStripe, CalibrationReject, CalibrationSettings, CalibrationSolution, find_board, solve_all,
     solve_camera,
 };
-use boxline::{Calibration, Frame, LaserId};
 use boxline_proto::json::{read_board, read_calibration, read_recording};
 use std::path::{Path, PathBuf};
 
@@ -65,7 +65,8 @@ fn check(solution: &CalibrationSolution) {
 }
 
 fn board(folder: &Path) -> Board {
-    read_board(&folder.join("board.json")).unwrap().into()
+    let file = read_board(&folder.join("board.json")).unwrap();
+    Board { columns: file.columns, rows: file.rows, pitch_mm: file.pitch_mm, diameter_mm: file.diameter_mm }
 }
 
 #[test]

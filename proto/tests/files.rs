@@ -1,7 +1,7 @@
 //! The JSON readers: the recordings of `tests/data` read whole, files survive being written, broken ones are explained.
 #![allow(clippy::unwrap_used)] // the helpers of tests are tests
 
-use boxline::calib::{CalibrationCovariance, PAPER_PARAMETERS, PARAMETERS};
+use boxline::calibration::{CalibrationCovariance, PAPER_PARAMETERS, PARAMETERS};
 use boxline::{Calibration, CameraModel, Error, ErrorKind, LaserId};
 use boxline_proto::json::{
     Laser, Role, TruthLine, TruthNotes, calibration_json, parse_board, parse_calibration, parse_recording,

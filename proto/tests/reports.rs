@@ -4,7 +4,7 @@
 #[path = "support/samples.rs"]
 mod samples;
 
-use boxline::calib::{CalibrationCovariance, PAPER_PARAMETERS, PARAMETERS};
+use boxline::calibration::{CalibrationCovariance, PAPER_PARAMETERS, PARAMETERS};
 use boxline::feasibility::Move;
 use boxline::measurement::FaceMeasurement;
 use boxline::{

@@ -4,7 +4,7 @@
 
 use super::file;
 use super::syntax::{Object, field_error, read, text};
-use boxline::calib::{CalibrationCovariance, PAPER_PARAMETERS, PARAMETERS};
+use boxline::calibration::{CalibrationCovariance, PAPER_PARAMETERS, PARAMETERS};
 use boxline::{Calibration, CameraModel, Error, ErrorKind, LaserId};
 use serde::Deserialize;
 use serde_json::{Value, json};

@@ -295,13 +295,6 @@ pub enum BoardKind {
     Circles,
 }
 
-impl From<Board> for boxline::calib::Board {
-    fn from(board: Board) -> Self {
-        let Board { columns, rows, pitch_mm, diameter_mm, .. } = board;
-        Self { columns, rows, pitch_mm, diameter_mm }
-    }
-}
-
 /// Reads a `board.json`.
 ///
 /// # Errors

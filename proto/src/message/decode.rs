@@ -3,7 +3,7 @@
 
 use super::{DecodedReport, v1};
 use crate::json::{Laser, RecordedFrame, Recording, Role, resolved_path};
-use boxline::calib::{CalibrationCovariance, PAPER_PARAMETERS, PARAMETERS};
+use boxline::calibration::{CalibrationCovariance, PAPER_PARAMETERS, PARAMETERS};
 use boxline::feasibility::Move;
 use boxline::frames::{Plane, Point};
 use boxline::measurement::FaceMeasurement;

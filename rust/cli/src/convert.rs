@@ -5,8 +5,8 @@
 
 use crate::Finished;
 use crate::input::Usage;
-use boxline::calib::opencv::{OpenCvCamera, RefitResidual, from_opencv, to_opencv};
 use boxline::{Calibration, Error, ErrorKind};
+use boxline_calib::opencv::{OpenCvCamera, RefitResidual, from_opencv, to_opencv};
 use boxline_proto::json::{calibration_json, parse_json, read_calibration, write_json};
 use clap::{Args as ClapArgs, ValueEnum};
 use serde_json::{Value, json};

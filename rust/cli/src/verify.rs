@@ -2,8 +2,8 @@
 
 use crate::Finished;
 use crate::input::{box_frames, lit_faces, read_recorded};
-use boxline::calib::uncertainty::{side_sigma_mm, usual_distance_mm};
 use boxline::{Estimate, FaceOutcome, Frame, Outcome, Settings, measure_box, measure_face};
+use boxline_calib::uncertainty::{side_sigma_mm, usual_distance_mm};
 use boxline_edgenet::{EdgeNet, Options};
 use boxline_proto::json::{read_calibration, read_recording};
 use clap::Args as ClapArgs;

@@ -4,7 +4,7 @@ use crate::camera::CameraModel;
 use crate::error::{Error, ErrorKind};
 use crate::frames::{Cam, Plane};
 use crate::units::LaserId;
-use nalgebra::{SMatrix, Vector3};
+use nalgebra::{SMatrix, SVector, Vector3};
 
 /// Parameters of a calibration: fx, fy, cx, cy, k1, k2 (px, and 1 for the last two), the four planes `p . X = 1` (x, y, z each, laser
 /// 1 first, 1/mm), p1, p2, k3.
@@ -12,7 +12,7 @@ pub const PARAMETERS: usize = 21;
 /// Those of a lens as the paper has it: the first.
 pub const PAPER_PARAMETERS: usize = 18;
 /// First parameter of the planes.
-pub(crate) const PLANES: usize = 6;
+pub const PLANES: usize = 6;
 /// The camera's parameters.
 pub const CAMERA: [usize; 9] = [0, 1, 2, 3, 4, 5, 18, 19, 20];
 
@@ -22,6 +22,9 @@ const LEAST_DIFFERENCE: f64 = 0.01;
 /// Covariance of a calibration's parameters. A term of the lens without variance is known to be 0; one that is 0 and has a variance was not
 /// needed by the frames, and may be something else.
 pub type CalibrationCovariance = SMatrix<f64, PARAMETERS, PARAMETERS>;
+
+/// Unknowns of a calibration in the order of its covariance.
+pub type CalibrationStep = SVector<f64, PARAMETERS>;
 
 /// A head's calibration. Built only by [`Calibration::new`], which checks every number.
 #[derive(Clone, Debug, PartialEq)]
@@ -230,4 +233,30 @@ impl Calibration {
     pub const fn laser(&self, id: LaserId) -> &Plane<Cam> {
         &self.lasers[id.index()]
     }
+}
+
+/// A camera and planes moved by a step of the parameters.
+#[must_use]
+pub fn moved(
+    camera: &CameraModel,
+    lasers: &[Plane<Cam>; 4],
+    step: &CalibrationStep,
+) -> (CameraModel, [Plane<Cam>; 4]) {
+    let camera = CameraModel {
+        fx: camera.fx + step[0],
+        fy: camera.fy + step[1],
+        cx: camera.cx + step[2],
+        cy: camera.cy + step[3],
+        k1: camera.k1 + step[4],
+        k2: camera.k2 + step[5],
+        p1: camera.p1 + step[18],
+        p2: camera.p2 + step[19],
+        k3: camera.k3 + step[20],
+        ..*camera
+    };
+    let mut moved = *lasers;
+    for (k, plane) in moved.iter_mut().enumerate() {
+        *plane = Plane::new(plane.per_mm + step.fixed_rows::<3>(PLANES + 3 * k));
+    }
+    (camera, moved)
 }

@@ -205,8 +205,9 @@ impl CameraModel {
         )
     }
 
-    /// Derivative of the ideal coordinate by the distorted one; symmetric.
-    pub(crate) fn ideal_by_distorted(&self, d: Vector2<f64>) -> Matrix2<f64> {
+    /// Derivative of the ideal coordinate by the distorted one (both normalised, without unit); symmetric.
+    #[must_use]
+    pub fn ideal_by_distorted(&self, d: Vector2<f64>) -> Matrix2<f64> {
         let r2 = d.norm_squared();
         let radial = 2.0 * (self.k1 + r2 * (2.0 * self.k2 + 3.0 * self.k3 * r2));
         let centred = Matrix2::identity() * self.ideal_per_distorted(r2) + d * d.transpose() * radial;
@@ -218,7 +219,9 @@ impl CameraModel {
         centred + Matrix2::new(2.0 * p1 * y + 6.0 * p2 * x, beside, beside, 6.0 * p1 * y + 2.0 * p2 * x)
     }
 
-    pub(crate) fn distorted_from_px(&self, px: Px) -> Vector2<f64> {
+    /// Where a pixel is in normalised coordinates, `x / z` and `y / z`, as the lens distorts them.
+    #[must_use]
+    pub fn distorted_from_px(&self, px: Px) -> Vector2<f64> {
         let y = (px.v - self.cy) / self.fy;
         Vector2::new((px.u - self.cx - self.skew * y) / self.fx, y)
     }

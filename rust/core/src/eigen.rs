@@ -6,7 +6,7 @@ use nalgebra::allocator::Allocator;
 use nalgebra::{DefaultAllocator, Dim, OMatrix, OVector};
 
 /// `matrix = vectors diag(values) vectors^T`, in no order.
-pub(crate) struct Eigen<D: Dim>
+pub struct Eigen<D: Dim>
 where
     DefaultAllocator: Allocator<D> + Allocator<D, D>,
 {
@@ -20,7 +20,8 @@ where
 const MOST_SWEEPS: usize = 30;
 
 /// Of a symmetric matrix; what is not symmetric is averaged.
-pub(crate) fn symmetric_eigen<D: Dim>(matrix: &OMatrix<f64, D, D>) -> Eigen<D>
+#[must_use]
+pub fn symmetric_eigen<D: Dim>(matrix: &OMatrix<f64, D, D>) -> Eigen<D>
 where
     DefaultAllocator: Allocator<D> + Allocator<D, D>,
 {

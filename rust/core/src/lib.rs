@@ -28,7 +28,7 @@
 //! ```
 //!
 //! Without a network ([`Settings::network`]) nearly all boxes are refused by default, since few are sure enough; `examples/measure.rs` of
-//! `boxline-edgenet` has one. `examples/calibrate.rs` here makes a calibration from pictures of a board.
+//! `boxline-edgenet` has one. `boxline-calib` makes a calibration from pictures of a board.
 //!
 //! Three things can come back. A result is an [`Outcome`]: lengths in mm, each an [`Estimate`] with one standard deviation. A view that
 //! cannot be measured is a [`Reject`] with numbers, which is a result too. An [`Error`] is a broken input: bytes, a calibration, sizes that
@@ -43,19 +43,17 @@
 #![forbid(unsafe_code)]
 
 mod box_depth;
-pub mod calib;
 pub mod calibration;
 pub mod camera;
 pub mod confidence;
 mod cuboid;
 #[doc(hidden)]
 pub mod diagnostics;
-pub mod drift;
 mod edges;
-mod eigen;
+pub mod eigen;
 pub mod error;
 mod face;
-mod face_geometry;
+pub mod face_geometry;
 pub mod feasibility;
 pub mod frames;
 mod hypotheses;
@@ -74,8 +72,8 @@ pub mod reject;
 pub mod report;
 mod scene;
 pub mod sides;
-mod statistics;
-mod stripe;
+pub mod statistics;
+pub mod stripe;
 pub mod trace;
 pub mod units;
 pub mod view;

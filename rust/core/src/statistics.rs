@@ -4,17 +4,19 @@
 pub(crate) const MEDIAN_SIGMAS: f64 = 0.6745;
 /// Tukey's constant: residuals beyond so many sigmas do not count, which leaves 95 % of the efficiency for normal ones (Huber and Ronchetti,
 /// Robust Statistics, 2nd ed., 4.8).
-pub(crate) const TUKEY: f64 = 4.685;
+pub const TUKEY: f64 = 4.685;
 
 /// The middle value, of an even number the upper one; `None` of none.
-pub(crate) fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
+#[must_use]
+pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
     let mut all: Vec<f64> = values.into_iter().collect();
     let middle = all.len() / 2;
     (!all.is_empty()).then(|| *all.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 /// Standard deviation of normal residuals about zero, from the median of their absolute values; `None` of none.
-pub(crate) fn robust_sigma(residuals: impl IntoIterator<Item = f64>) -> Option<f64> {
+#[must_use]
+pub fn robust_sigma(residuals: impl IntoIterator<Item = f64>) -> Option<f64> {
     median(residuals.into_iter().map(f64::abs)).map(|median| median / MEDIAN_SIGMAS)
 }
 
@@ -30,7 +32,8 @@ pub(crate) fn robust_sigma_f32(absolute: &mut [f32]) -> Option<f32> {
 }
 
 /// Tukey's weight of a residual of so many sigmas, 0 to 1.
-pub(crate) fn tukey_weight(sigmas: f64) -> f64 {
+#[must_use]
+pub fn tukey_weight(sigmas: f64) -> f64 {
     (1.0 - (sigmas / TUKEY).powi(2)).max(0.0).powi(2)
 }
 

@@ -4,8 +4,8 @@
 //!
 //! `cargo run --release -p boxline-edgenet --example real_lens_boxes -- --heads 3`
 
-use boxline::calib::{Board, CalibrationSettings, find_board, solve_all, solve_camera};
 use boxline::{BoxMeasurement, Calibration, CameraModel, Frame, Outcome, Settings, measure_box};
+use boxline_calib::{Board, CalibrationSettings, find_board, solve_all, solve_camera};
 use boxline_edgenet::{EdgeNet, Options};
 use boxline_sim::board::{Faults, render_board};
 use boxline_sim::recording::{Detail, Exposure, expose_full_frame, jpeg};

@@ -3,7 +3,7 @@
 //! `cargo run --release -p boxline-sim --example circles -- FOLDER > circles.json`
 
 use boxline::Frame;
-use boxline::calib::{Board, CalibrationSettings, find_board, solve_all, solve_camera};
+use boxline_calib::{Board, CalibrationSettings, find_board, solve_all, solve_camera};
 use boxline_proto::json::{Role, read_board, read_recording};
 use clap::Parser;
 use serde_json::json;
@@ -18,7 +18,13 @@ struct Args {
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let folder = Args::parse().folder;
-    let board = Board::from(read_board(&folder.join("board.json"))?);
+    let file = read_board(&folder.join("board.json"))?;
+    let board = Board {
+        columns: file.columns,
+        rows: file.rows,
+        pitch_mm: file.pitch_mm,
+        diameter_mm: file.diameter_mm,
+    };
     let (mut views, mut frames) = (Vec::new(), Vec::new());
     for file in read_recording(&folder)?.frames.into_iter().filter(|f| f.role == Role::Board) {
         let frame = Frame::from_jpeg(&std::fs::read(&file.file)?)?;

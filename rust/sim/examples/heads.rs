@@ -5,11 +5,12 @@
 //!
 //! One line a head is kept in the file: called again, it goes on with what is not there yet.
 
-use boxline::calib::uncertainty::{CalibrationStep, SideSeen, moved, side_sigma_mm, usual_distance_mm};
-use boxline::calib::{Board, CalibrationSettings, CalibrationSolution, find_board, solve_all, solve_camera};
 use boxline::calibration::CAMERA;
+use boxline::calibration::{CalibrationStep, moved};
 use boxline::frames::{Cam, Plane, Ray};
 use boxline::{CameraModel, Frame, Px};
+use boxline_calib::uncertainty::{SideSeen, side_sigma_mm, usual_distance_mm};
+use boxline_calib::{Board, CalibrationSettings, CalibrationSolution, find_board, solve_all, solve_camera};
 use boxline_sim::board::Faults;
 use boxline_sim::head::{HeadKind, SENSOR_PX};
 use boxline_sim::raster::Raster;
@@ -360,7 +361,7 @@ fn print(rows: &[Value]) {
         let all = row["misfits"].as_array().into_iter().flatten();
         all.filter_map(|m| m["kind"].as_str().map(str::to_owned)).collect()
     };
-    for kind in boxline::calib::MisfitKind::ALL {
+    for kind in boxline_calib::MisfitKind::ALL {
         let first = solved.iter().filter(|row| kinds(row).first().is_some_and(|k| k == kind.name())).count();
         let named = solved.iter().filter(|row| kinds(row).iter().any(|k| k == kind.name())).count();
         println!("| {} | {} | {} |", kind.name(), share(first, solved.len()), share(named, solved.len()));

@@ -1,8 +1,8 @@
 //! What `boxline calibrate` is given: frames of a board, from a recording or from any folder of JPEGs, and the board.
 
 use super::CalibrateArgs;
-use boxline::calib::Board;
 use boxline::{Error, ErrorKind};
+use boxline_calib::Board;
 use boxline_proto::json::{BOARD_SIZES_MM, Laser, Role, read_board, read_recording};
 use std::path::{Path, PathBuf};
 
@@ -94,7 +94,9 @@ pub fn read_board_of(args: &CalibrateArgs, folder: &Path, files: &mut Vec<PathBu
         return Err(Error::new(ErrorKind::Io, text).in_context(file.display()).into());
     }
     files.push(file.clone());
-    Ok(Board::from(read_board(&file)?))
+    let written = read_board(&file)?;
+    let (pitch_mm, diameter_mm) = (written.pitch_mm, written.diameter_mm);
+    Ok(Board { columns: written.columns, rows: written.rows, pitch_mm, diameter_mm })
 }
 
 /// The JPEGs of a folder by name; at least one.

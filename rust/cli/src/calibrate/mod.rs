@@ -10,13 +10,14 @@ use crate::Finished;
 use crate::head::DeviceChoice;
 use crate::input::{Usage, read_frame};
 use anyhow::Context;
-use boxline::calib::uncertainty::{side_sigma_mm, usual_distance_mm};
-use boxline::calib::{
-    Advice, BoardStripe, CalibrationCovariance, CalibrationReject, CalibrationSettings, CalibrationSolution,
-    CameraSolution, FrameReject, LensChoice, LensTerms, LensTrial, MIN_FRAMES, Misfit, PAPER_PARAMETERS,
-    empty_corners, find_board, next_frame, solve_all, solve_camera,
-};
+use boxline::calibration::{CalibrationCovariance, PAPER_PARAMETERS};
 use boxline::{Calibration, CameraModel, Frame, LaserId};
+use boxline_calib::uncertainty::{side_sigma_mm, usual_distance_mm};
+use boxline_calib::{
+    Advice, BoardStripe, CalibrationReject, CalibrationSettings, CalibrationSolution, CameraSolution,
+    FrameReject, LensChoice, LensTerms, LensTrial, MIN_FRAMES, Misfit, empty_corners, find_board, next_frame,
+    solve_all, solve_camera,
+};
 use boxline_proto::json::{calibration_json, camera_json, write_json};
 use clap::{Args as ClapArgs, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};

@@ -2,8 +2,8 @@
 
 use super::{SIDES_MM, Solved, advice_text, camera_rows, lens_text, plots, warnings};
 use boxline::LaserId;
-use boxline::calib::tilt_deg;
-use boxline::calib::uncertainty::usual_distance_mm;
+use boxline_calib::tilt_deg;
+use boxline_calib::uncertainty::usual_distance_mm;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 const STYLE: &str = "body{font:15px/1.5 system-ui,sans-serif;max-width:1340px;margin:2em auto;padding:0 1em;color:#222}\

@@ -1,5 +1,5 @@
 //! A face as numbers, and what a point of a stripe or of a side says of them: the one model of the joint fit
-//! (`rectangle::refine`), of `drift` and of `feasibility`.
+//! (`rectangle::refine`), of the lasers' drift and of `feasibility`.
 //!
 //! The plane is q, `q . X = 1`; the ray x meets it at X = x / (q . x). A side with the offset d along the axis e, turned about
 //! its middle m on the other axis f by the slope s, is where `e . X + s (f . X - m) = d`, which is
@@ -33,12 +33,12 @@ pub(crate) const TURNS: [[f64; 3]; 4] =
 
 /// Where a face is. Its origin is the point of its plane nearest to the camera.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct FaceState {
-    /// Columns: axes a and b of [`SIDES`], and the normal away from the camera.
+pub struct FaceState {
+    /// Columns: axes a and b of the sides, and the normal away from the camera.
     pub axes: Matrix3<f64>,
     /// 1 / distance of the plane from the camera.
     pub per_mm: f64,
-    /// Offsets of the sides at their middles, in the order of [`SIDES`].
+    /// Offsets of the sides at their middles, mm: the two across axis a, low side first, then those across b.
     pub offsets_mm: [f64; 4],
     /// Zero for a rectangle: the angle from sides a to sides b beyond a right one, and the angle between each two opposite
     /// sides.
@@ -95,7 +95,7 @@ pub(crate) struct Row {
 
 impl FaceState {
     /// A rectangle with these offsets on a raster.
-    pub fn of_raster(raster: &PlaneRaster, offsets_mm: &[f64; 4]) -> Self {
+    pub(crate) fn of_raster(raster: &PlaneRaster, offsets_mm: &[f64; 4]) -> Self {
         let (normal, distance_mm) = raster.plane.normal_and_distance_mm();
         let [a, b] = [raster.axis_a.dot(&raster.origin), raster.axis_b.dot(&raster.origin)];
         let [a0, a1, b0, b1] = offsets_mm;
@@ -108,6 +108,7 @@ impl FaceState {
     }
 
     /// A measured face, its corners as they are, with a along its length.
+    #[must_use]
     pub fn from_measurement(face: &FaceMeasurement) -> Option<Self> {
         let [c0, c1, ..] = &face.corners;
         let raster = PlaneRaster::along(&face.plane, c0.mm, &(c1.mm - c0.mm))?;
@@ -117,41 +118,43 @@ impl FaceState {
     }
 
     /// Coordinates on the face's plane in which its offsets are.
-    pub fn raster(&self) -> PlaneRaster {
+    pub(crate) fn raster(&self) -> PlaneRaster {
         let column = |i: usize| self.axes.column(i).into_owned();
         let origin = column(2) / self.per_mm;
         PlaneRaster { plane: self.plane(), origin, axis_a: column(0), axis_b: column(1) }
     }
 
     /// The face's plane.
+    #[must_use]
     pub fn plane(&self) -> Plane<Cam> {
         Plane::new(self.axes.column(2) * self.per_mm)
     }
 
     /// Distances of opposite sides across a and across b.
+    #[must_use]
     pub fn lengths_mm(&self) -> [f64; 2] {
         let [a0, a1, b0, b1] = self.offsets_mm;
         [(a1 - a0).abs(), (b1 - b0).abs()]
     }
 
     /// Turn of a side, rad.
-    pub fn turn_rad(&self, side: usize) -> f64 {
+    pub(crate) fn turn_rad(&self, side: usize) -> f64 {
         TURNS[side].iter().zip(self.shape_rad).map(|(t, shape)| t * shape).sum()
     }
 
     /// How much the position along a side adds to its offset: `offset + slope (along - middle)` is the same all along it.
-    pub fn slope(&self, side: usize) -> f64 {
+    pub(crate) fn slope(&self, side: usize) -> f64 {
         lever(side) * self.turn_rad(side).tan()
     }
 
     /// The middle of a side along its direction, about which it turns.
-    pub fn middle_mm(&self, side: usize) -> f64 {
+    pub(crate) fn middle_mm(&self, side: usize) -> f64 {
         let (from, to) = span_mm(&self.offsets_mm, side);
         0.5 * (from + to)
     }
 
     /// The face with its unknowns changed.
-    pub fn plus(&self, change: &Unknowns) -> Self {
+    pub(crate) fn plus(&self, change: &Unknowns) -> Self {
         let turn = Rotation3::new(Vector3::new(change[0], change[1], change[3]));
         let mut next = *self;
         next.axes *= turn.matrix();
@@ -165,7 +168,7 @@ impl FaceState {
     }
 
     /// The lines on which its stripes and sides are seen.
-    pub fn lines(&self, lasers: &[Plane<Cam>; 4]) -> Lines {
+    pub(crate) fn lines(&self, lasers: &[Plane<Cam>; 4]) -> Lines {
         let side = |side: usize| {
             let (slope, middle_mm) = (self.slope(side), self.middle_mm(side));
             let reach_mm = self.offsets_mm[side] + slope * middle_mm;

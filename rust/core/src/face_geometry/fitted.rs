@@ -9,14 +9,15 @@ use nalgebra::{SMatrix, SVector};
 /// Unknowns of a face: those of a rectangle.
 const OWN: usize = SHAPE;
 /// Numbers that check a face.
-pub(crate) const REDUNDANT: usize = 8;
+pub const REDUNDANT: usize = 8;
 
 type Own = SVector<f64, OWN>;
 /// Information on a face's unknowns.
-pub(crate) type OwnMatrix = SMatrix<f64, OWN, OWN>;
+pub type OwnMatrix = SMatrix<f64, OWN, OWN>;
 /// Unknowns of the laser planes, `p . X = 1`, laser 1 first, 1/mm.
-pub(crate) type Planes = SVector<f64, 12>;
-pub(crate) type PlanesMatrix = SMatrix<f64, 12, 12>;
+pub type Planes = SVector<f64, 12>;
+/// Information on the laser planes, in the order of [`Planes`].
+pub type PlanesMatrix = SMatrix<f64, 12, 12>;
 type Mixed = SMatrix<f64, OWN, 12>;
 
 /// Newton steps; the problem is nearly linear, 3 or 4 are used.
@@ -25,8 +26,10 @@ const HALVINGS: i32 = 10;
 
 /// A face fitted to its lines, with what that tells about the lasers.
 #[derive(Clone, Debug)]
-pub(crate) struct FittedFace {
+pub struct FittedFace {
+    /// The face.
     pub state: FaceState,
+    /// Squared residuals of its lines and known sides in units of their variances; [`REDUNDANT`] degrees of freedom and one for each known side.
     pub chi_square: f64,
     /// Information on the face's own unknowns.
     own: OwnMatrix,
@@ -37,7 +40,7 @@ pub(crate) struct FittedFace {
 }
 
 /// Derivative of the length (0, across a) or width (1) by the unknowns.
-pub(crate) fn length_by_own(state: &FaceState, which: usize) -> SVector<f64, OWN> {
+pub fn length_by_own(state: &FaceState, which: usize) -> SVector<f64, OWN> {
     let (low, high) = (2 * which, 2 * which + 1);
     let sign = if state.offsets_mm[high] > state.offsets_mm[low] { 1.0 } else { -1.0 };
     let mut by = Own::zeros();
@@ -142,11 +145,12 @@ impl FittedFace {
 
 /// A side whose length is known.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct KnownSide {
+pub struct KnownSide {
     /// 0: the length, 1: the width.
     pub which: usize,
     /// What the lines, which lie inside the sharp edges, should then give, mm.
     pub raw_mm: f64,
+    /// Its standard deviation, mm.
     pub sigma_mm: f64,
 }
 

@@ -7,16 +7,16 @@ use crate::units::LaserId;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 /// Motions of all four lasers: tilt (rad), twist (rad), shift (mm) of laser 1, then of the others.
-pub(crate) type Motions = SVector<f64, 12>;
+pub type Motions = SVector<f64, 12>;
 /// A covariance or information of all motions.
-pub(crate) type MotionMatrix = SMatrix<f64, 12, 12>;
+pub type MotionMatrix = SMatrix<f64, 12, 12>;
 
 /// Derivative of a plane `p . X = 1` by tilt, twist and shift of its laser, in columns; 1/mm per rad or mm.
 ///
 /// The exit is where the plane meets the camera's x axis, `f` the forward direction within the plane. Tilt turns the
 /// normal towards `f` (the stripe moves across itself), twist turns it about `f` (the stripe turns in the picture), shift
 /// moves the exit along the normal.
-pub(crate) fn plane_by_motion(plane: &Plane<Cam>) -> Option<Matrix3<f64>> {
+pub fn plane_by_motion(plane: &Plane<Cam>) -> Option<Matrix3<f64>> {
     let p = plane.per_mm;
     let (normal, distance_mm) = plane.normal_and_distance_mm();
     let forward = (Vector3::z() - normal * normal.z).try_normalize(1e-9)?;
@@ -28,24 +28,20 @@ pub(crate) fn plane_by_motion(plane: &Plane<Cam>) -> Option<Matrix3<f64>> {
 }
 
 /// All four derivatives.
-pub(crate) fn all_planes_by_motion(calibration: &Calibration) -> Option<[Matrix3<f64>; 4]> {
+pub fn all_planes_by_motion(calibration: &Calibration) -> Option<[Matrix3<f64>; 4]> {
     let [l1, l2, l3, l4] = LaserId::ALL.map(|id| plane_by_motion(calibration.laser(id)));
     Some([l1?, l2?, l3?, l4?])
 }
 
 /// The planes moved, to first order.
-pub(crate) fn moved(
-    planes: &[Plane<Cam>; 4],
-    by_motion: &[Matrix3<f64>; 4],
-    motions: &Motions,
-) -> [Plane<Cam>; 4] {
+pub fn moved(planes: &[Plane<Cam>; 4], by_motion: &[Matrix3<f64>; 4], motions: &Motions) -> [Plane<Cam>; 4] {
     std::array::from_fn(|k| {
         Plane::new(planes[k].per_mm + by_motion[k] * motions.fixed_rows::<3>(3 * k).into_owned())
     })
 }
 
 /// Motions that would change the planes by these vectors, 1/mm.
-pub(crate) fn motions_of(by_motion: &[Matrix3<f64>; 4], changes: &[Vector3<f64>; 4]) -> Option<Motions> {
+pub fn motions_of(by_motion: &[Matrix3<f64>; 4], changes: &[Vector3<f64>; 4]) -> Option<Motions> {
     let mut motions = Motions::zeros();
     for (k, (b, change)) in by_motion.iter().zip(changes).enumerate() {
         motions.fixed_rows_mut::<3>(3 * k).copy_from(&b.lu().solve(change)?);
@@ -54,7 +50,7 @@ pub(crate) fn motions_of(by_motion: &[Matrix3<f64>; 4], changes: &[Vector3<f64>;
 }
 
 /// `by_motion` of all lasers as one block-diagonal matrix.
-pub(crate) fn blocks(by_motion: &[Matrix3<f64>; 4]) -> MotionMatrix {
+pub fn blocks(by_motion: &[Matrix3<f64>; 4]) -> MotionMatrix {
     let mut all = MotionMatrix::zeros();
     for (k, b) in by_motion.iter().enumerate() {
         all.fixed_view_mut::<3, 3>(3 * k, 3 * k).copy_from(b);

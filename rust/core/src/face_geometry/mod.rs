@@ -1,15 +1,16 @@
 //! A face as one frame shows it, in 16 numbers: four stripes and four sides, each a line of the ideal image held by two
-//! points. Eight unknowns of [`crate::face::model`] explain them ([`fitted`]); the other eight numbers check the lasers. What a laser
-//! may do between calibrations is in [`laser_motion`]. `drift` estimates with it, `feasibility` predicts with it.
+//! points. Eight unknowns ([`FaceState`]) explain them ([`fitted`]); the other eight numbers check the lasers. What a laser
+//! may do between calibrations is in [`laser_motion`]. Drift (`boxline-calib`) estimates with it, [`crate::feasibility`] predicts with it.
 
-pub(crate) mod fitted;
-pub(crate) mod laser_motion;
+pub mod fitted;
+pub mod laser_motion;
 #[cfg(test)]
 pub(crate) mod simulation;
-pub(crate) mod view;
+pub mod view;
 
 use crate::calibration::Calibration;
 use crate::camera::CameraModel;
+pub use crate::face::model::FaceState;
 use crate::face::model::{Observation, Source};
 use crate::frames::Ray;
 use crate::measurement::FaceMeasurement;
@@ -19,29 +20,31 @@ use nalgebra::{Matrix2, Vector2};
 
 /// A point of a line with its standard deviation across the line.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct LinePoint {
+pub struct LinePoint {
+    /// Where it is.
     pub at: Px,
+    /// Standard deviation across the line, px.
     pub sigma_px: f64,
 }
 
 /// Two points that say all that a line's many points say: where it runs and how it is turned, independent of each other.
-pub(crate) type Line = [LinePoint; 2];
+pub type Line = [LinePoint; 2];
 
 /// The lines of one face.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct FaceLines {
+pub struct FaceLines {
     /// The stripes, laser 1 first.
     pub stripes: [Line; 4],
-    /// The sides in the order of [`crate::face::outline::SIDES`], a along the length.
+    /// The sides in the order of [`FaceState::offsets_mm`], a along the length.
     pub sides: [Line; 4],
 }
 
 /// What averaging along a stripe does not remove (texture of the board it lies on), px, 1 sigma.
-pub(crate) const STRIPE_SYSTEMATIC_PX: f64 = 0.05;
+const STRIPE_SYSTEMATIC_PX: f64 = 0.05;
 /// The same for a side: blur and demosaicing move edges of unequal brightness, px, 1 sigma ...
-pub(crate) const SIDE_SYSTEMATIC_PX: f64 = 0.2;
+const SIDE_SYSTEMATIC_PX: f64 = 0.2;
 /// ... and cardboard is cut and folded to half a millimetre either way, evenly spread: mm, 1 sigma.
-pub(crate) const SIDE_SHAPE_MM: f64 = 0.29;
+const SIDE_SHAPE_MM: f64 = 0.29;
 /// A line needs so many points: two unknowns, and a scatter that means something.
 const MIN_POINTS: usize = 8;
 const ITERATIONS: usize = 8;
@@ -74,18 +77,18 @@ impl FaceLines {
 }
 
 /// What does not average out along a side at this distance, px, 1 sigma.
-pub(crate) fn side_systematic_px(calibration: &Calibration, distance_mm: f64) -> f64 {
+fn side_systematic_px(calibration: &Calibration, distance_mm: f64) -> f64 {
     SIDE_SYSTEMATIC_PX.hypot(SIDE_SHAPE_MM * focal_px(calibration) / distance_mm)
 }
 
 /// Mean focal length, px.
-pub(crate) fn focal_px(calibration: &Calibration) -> f64 {
+fn focal_px(calibration: &Calibration) -> f64 {
     (calibration.camera().fx * calibration.camera().fy).sqrt()
 }
 
 /// The line through points that scatter about it, in the ideal image, robust. Its two points stand one standard deviation
 /// of the positions to either side of the middle: there the fitted offsets are independent, each of variance 2 s^2 / n.
-pub(crate) fn line_through(calibration: &Calibration, points: &[Px], systematic_px: f64) -> Option<Line> {
+fn line_through(calibration: &Calibration, points: &[Px], systematic_px: f64) -> Option<Line> {
     if points.len() < MIN_POINTS {
         return None;
     }

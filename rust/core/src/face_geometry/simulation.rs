@@ -1,9 +1,8 @@
-//! Faces that a head could measure, drawn at random, with noisy lines: for the tests here, of `drift` and of `feasibility`.
+//! Faces that a head could measure, drawn at random, with noisy lines: for the tests here, of `feasibility` and of boxline-calib's `drift`.
 
-use super::FaceLines;
-use super::view::{FacePose, USUAL};
 use crate::calibration::Calibration;
-use crate::face::model::FaceState;
+use crate::face_geometry::view::{FacePose, USUAL};
+use crate::face_geometry::{FaceLines, FaceState};
 use crate::noise::Noise;
 use crate::paper_head::paper_head;
 use crate::units::{LaserId, Px};

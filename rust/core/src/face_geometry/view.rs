@@ -10,7 +10,7 @@ use nalgebra::{Matrix3, Vector3};
 
 /// A rectangle somewhere before the head.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct FacePose {
+pub struct FacePose {
     /// Columns: along the length, along the width, away from the camera.
     pub axes: Matrix3<f64>,
     /// The middle in the camera frame, mm.
@@ -21,7 +21,7 @@ pub(crate) struct FacePose {
 
 /// The pair of sides that a stripe crosses, on the face: x along the length, y along the width, mm from the middle.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Crossing {
+pub struct Crossing {
     /// It runs along the length (crosses sides 1 and 3), or along the width.
     pub along_length: bool,
     /// Where it crosses them, low side first.
@@ -33,15 +33,17 @@ pub(crate) struct Crossing {
 /// Residuals that a line's points are expected to have, px: one point in 4 px counts, as neighbours go together
 /// (PHYSICS.md, "From stripes and edges to sides").
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct PointSigmas {
+pub struct PointSigmas {
+    /// Of a stripe.
     pub stripe_px: f64,
+    /// Of a side.
     pub edge_px: f64,
     /// With what does not average out along a line.
     pub systematic: bool,
 }
 
 /// Speckle and blur as PHYSICS.md has them.
-pub(crate) const USUAL: PointSigmas = PointSigmas { stripe_px: 0.3, edge_px: 0.5, systematic: true };
+pub const USUAL: PointSigmas = PointSigmas { stripe_px: 0.3, edge_px: 0.5, systematic: true };
 const PX_PER_POINT: f64 = 4.0;
 
 impl FacePose {

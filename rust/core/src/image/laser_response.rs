@@ -7,7 +7,7 @@ use crate::units::Px;
 
 /// Direction of a stripe pair in the image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Diagonal {
+pub enum Diagonal {
     /// u and v grow together.
     Down,
     /// v shrinks while u grows.
@@ -15,8 +15,10 @@ pub(crate) enum Diagonal {
 }
 
 /// Ridge strength at half resolution. Half-resolution pixel (i, j) covers full pixels 2i, 2i + 1 and 2j, 2j + 1.
-pub(crate) struct RidgeMap {
+pub struct RidgeMap {
+    /// Columns.
     pub width: usize,
+    /// Rows.
     pub height: usize,
     pub(super) layout: Layout,
     /// Ridge strength / local noise, clipped to +-[`Z_CLIP`], times [`Z_STEPS`].
@@ -48,7 +50,7 @@ const HALF: Layout = Layout::even([0.5; 2], 9.0);
 /// Strengths beyond this many sigmas count no more: one bright spot must not stand for a stripe.
 pub(crate) const Z_CLIP: f32 = 3.0;
 /// Quantisation of the ridge map: 127 / 3 steps per sigma at most.
-pub(crate) const Z_STEPS: f32 = 42.0;
+pub const Z_STEPS: f32 = 42.0;
 /// Pixels (half resolution) added up along the diagonal: 5 keep a stripe together that strays 15 degrees from it.
 pub(super) const ALONG: usize = 5;
 /// Distance (half-resolution px, along a row) from the stripe to the background it is compared with. A stripe is about
@@ -80,7 +82,8 @@ impl RidgeMap {
 
     /// The same. `u`, `v` in full-resolution px. For maps with each half-resolution row.
     #[inline]
-    pub(crate) fn at_px(&self, u: f32, v: f32) -> i32 {
+    #[must_use]
+    pub fn at_px(&self, u: f32, v: f32) -> i32 {
         let (i, j) = ((u * 0.5 + 0.25) as i32, (v * 0.5 + 0.25) as i32);
         if i < 0 || j < 0 || i >= self.width as i32 || j >= self.height as i32 {
             return 0;
@@ -90,7 +93,8 @@ impl RidgeMap {
 }
 
 /// Sum of `2R - G - B` over 2 x 2 pixels (8 times the laser response), half resolution.
-pub(crate) fn half_laser_response(frame: &Frame) -> (usize, usize, Vec<i16>) {
+#[must_use]
+pub fn half_laser_response(frame: &Frame) -> (usize, usize, Vec<i16>) {
     let (w, h) = (frame.width_px() / 2, frame.height_px() / 2);
     let stride = frame.width_px() * 3;
     let mut out = vec![0i16; w * h];
@@ -119,7 +123,8 @@ pub(crate) fn half_laser_response(frame: &Frame) -> (usize, usize, Vec<i16>) {
 }
 
 /// The ridge map for stripes near one diagonal, from the output of [`half_laser_response`].
-pub(crate) fn ridge_map(width: usize, height: usize, laser_response: &[i16], diagonal: Diagonal) -> RidgeMap {
+#[must_use]
+pub fn ridge_map(width: usize, height: usize, laser_response: &[i16], diagonal: Diagonal) -> RidgeMap {
     let mut z = vec![0i8; width * height];
     let mut ridge = vec![0i16; width * BLOCK];
     let mut slope = vec![0i16; width * BLOCK.div_ceil(2)];

@@ -2,7 +2,7 @@
 
 pub(crate) mod bands;
 mod jpeg;
-pub(crate) mod laser_response;
+pub mod laser_response;
 pub mod small;
 mod twin;
 

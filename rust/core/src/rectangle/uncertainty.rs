@@ -4,8 +4,9 @@
 
 use super::refine::FittedRectangle;
 use super::sharp_edge::Correction;
-use crate::calib::uncertainty::CalibrationStep;
-use crate::calibration::{CAMERA, Calibration, CalibrationCovariance, PARAMETERS, PLANES};
+use crate::calibration::{
+    CAMERA, Calibration, CalibrationCovariance, CalibrationStep, PARAMETERS, PLANES, moved,
+};
 use crate::eigen::symmetric_eigen;
 use crate::face::model::{OFFSETS, SHAPE, Source, TURNS, UNKNOWNS, Unknowns};
 use crate::measurement::{SHARED_CAUSES, SideUncertainty};
@@ -149,7 +150,7 @@ pub(super) fn tilts_rad(drift_rad: f64, seen_rad: Option<f64>) -> [f64; 4] {
 impl Calibration {
     /// The same head with its parameters moved, without covariance.
     fn stepped(&self, step: &CalibrationStep) -> Self {
-        let (camera, lasers) = crate::calib::uncertainty::moved(self.camera(), self.lasers(), step);
+        let (camera, lasers) = moved(self.camera(), self.lasers(), step);
         self.with_parameters(camera, lasers)
     }
 }

@@ -1,6 +1,5 @@
-//! Stripes: where the four lasers light a common plane ([`grid_search`], adding up along
-//! [`curve`]s), sub-pixel centres along them ([`trace`],
-//! [`peak`]) in the colours that show them best ([`projection`]).
+//! Stripes: where the four lasers light a common plane (`grid_search`, adding up along `curve`s), sub-pixel centres along them (`trace`,
+//! [`peak`]) in the colours that show them best (`colour_projection`).
 
 pub(crate) mod colour_projection;
 mod curve;

@@ -15,6 +15,27 @@ pub struct Peak {
     pub noise: f64,
 }
 
+/// Speckle: the centre of one row scatters by this much, px (PHYSICS.md: 0.2 to 0.4), and rows decorrelate after so many.
+const SPECKLE_PX: f64 = 0.3;
+const SPECKLE_ROWS: f64 = 1.5;
+/// Allowed half widths at the foot, px: optics and sensor blur set the lower, a 3 mm beam at 0.35 m the upper.
+const HALF_WIDTHS_PX: (f64, f64) = (4.0, 18.0);
+/// Foot over half width at half height: 1.85 for a bell (3 sigma would be 2.55, but its foot is below 5 % there), less
+/// for a saturated stripe, where a wider window costs little.
+const FOOT_PER_HALF_HEIGHT: f64 = 1.9;
+
+/// Standard deviation that speckle gives the centre of a profile averaged over so many rows along the stripe, px.
+#[must_use]
+pub fn speckle_px(rows: f64) -> f64 {
+    SPECKLE_PX / (rows / SPECKLE_ROWS).max(1.0).sqrt()
+}
+
+/// Half the width of a stripe at its foot, px, from half its width at half its height, px; 4 to 18 px.
+#[must_use]
+pub fn foot_half_width_px(at_half_height_px: f64) -> f64 {
+    (at_half_height_px * FOOT_PER_HALF_HEIGHT).clamp(HALF_WIDTHS_PX.0, HALF_WIDTHS_PX.1)
+}
+
 /// How the centre is computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Estimator {
@@ -158,7 +179,7 @@ fn steger(net: impl Fn(usize) -> f64, n: usize, top: usize, half_width: f64) -> 
 }
 
 /// Foot of a bell over its standard deviation; half its height is reached at 1.177 of these.
-const FOOT_PER_SIGMA: f64 = 1.177 * super::trace::FOOT_PER_HALF_HEIGHT;
+const FOOT_PER_SIGMA: f64 = 1.177 * FOOT_PER_HALF_HEIGHT;
 /// Gauss-Newton on three unknowns from a start within a pixel: quadratic.
 const BELL_STEPS: usize = 12;
 

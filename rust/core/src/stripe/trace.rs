@@ -6,7 +6,7 @@
 //! profile; faint light takes more of them.
 
 use super::colour_projection::ColourProjection;
-use super::peak::{Estimator, find_peak};
+use super::peak::{Estimator, find_peak, foot_half_width_px, speckle_px};
 use crate::calibration::Calibration;
 use crate::frames::{Cam, Plane};
 use crate::image::Frame;
@@ -84,9 +84,6 @@ const MIN_AMPLITUDE: f64 = 2.0;
 const MIN_SMOOTH_AMPLITUDE: f64 = 0.8;
 /// Sums of so many rows of bytes fit 16 bits.
 const MOST_ROWS: usize = 257;
-/// Speckle: the centre of one row scatters by this much (PHYSICS.md: 0.2 to 0.4 px), rows decorrelate after 1.5.
-pub(crate) const SPECKLE_PX: f64 = 0.3;
-pub(crate) const SPECKLE_ROWS: f64 = 1.5;
 
 /// The direction in which a stripe is walked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -288,7 +285,7 @@ pub(crate) fn trace_again(
                     ScanDirection::Rows => Px::new(predicted.u + shift, predicted.v),
                     ScanDirection::Columns => Px::new(predicted.u, predicted.v + shift),
                 };
-                let speckle = SPECKLE_PX / (rows as f64 / SPECKLE_ROWS).max(1.0).sqrt();
+                let speckle = speckle_px(rows as f64);
                 Found {
                     at,
                     residual_px: shift * factor,
@@ -343,11 +340,6 @@ fn smooth(profile: &mut [f32], beside: usize) {
 
 /// Offsets across the stripe that the mean profile covers, px: more than twice the widest stripe's foot.
 const PROFILE_PX: usize = 36;
-/// Allowed half widths at the foot, px: optics and sensor blur set the lower, a 3 mm beam at 0.35 m the upper.
-pub(crate) const HALF_WIDTHS_PX: (f64, f64) = (4.0, 18.0);
-/// Foot over half width at half height: 1.85 for a bell (3 sigma would be 2.55, but its foot is below 5 % there), less
-/// for a saturated stripe, where a wider window costs little.
-pub(crate) const FOOT_PER_HALF_HEIGHT: f64 = 1.9;
 
 /// Half the width of the stripes at their foot, px across, from the mean profile along all given pieces, each in its tint.
 pub(crate) fn measure_half_width_px(
@@ -402,7 +394,7 @@ pub(crate) fn measure_half_width_px(
         return None;
     }
     let below = even.iter().position(|y| y - level < 0.5 * top)?;
-    Some((below as f64 * FOOT_PER_HALF_HEIGHT).clamp(HALF_WIDTHS_PX.0, HALF_WIDTHS_PX.1))
+    Some(foot_half_width_px(below as f64))
 }
 
 #[cfg(test)]

@@ -1,9 +1,9 @@
 //! Which combinations of the twelve plane parameters the faces tell: eigenvectors of their information, named in words.
 
 use super::{LaserMotion, scale_motion};
-use crate::eigen::symmetric_eigen;
-use crate::face_geometry::laser_motion::{MotionMatrix, Motions, motions_of};
-use crate::frames::{Cam, Plane};
+use boxline::eigen::symmetric_eigen;
+use boxline::face_geometry::laser_motion::{MotionMatrix, Motions, motions_of};
+use boxline::frames::{Cam, Plane};
 use nalgebra::{Matrix3, Vector3};
 
 /// What a direction mostly is.

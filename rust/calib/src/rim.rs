@@ -8,12 +8,12 @@
 
 use super::blobs::Blob;
 use super::board::OnBoard;
-use crate::camera::CameraModel;
-use crate::eigen::symmetric_eigen;
-use crate::frames::{Cam, Pose, Ray};
-use crate::image::Frame;
-use crate::statistics::{TUKEY, median, robust_sigma, tukey_weight};
-use crate::units::Px;
+use boxline::camera::CameraModel;
+use boxline::eigen::symmetric_eigen;
+use boxline::frames::{Cam, Pose, Ray};
+use boxline::image::Frame;
+use boxline::statistics::{TUKEY, median, robust_sigma, tukey_weight};
+use boxline::units::Px;
 use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3};
 
 /// Rim points per px of circumference: neighbours closer than a pixel tell nothing new.

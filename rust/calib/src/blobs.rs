@@ -4,7 +4,7 @@
 //! whatever the light elsewhere: so components are collected over many thresholds and those that stay put are kept. Laser
 //! light hardly shows in the green channel, where this is done.
 
-use crate::image::Frame;
+use boxline::image::Frame;
 use nalgebra::{Matrix2, Vector2};
 use std::collections::BTreeMap;
 

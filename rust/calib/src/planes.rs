@@ -2,9 +2,9 @@
 //! space, as the paper does.
 
 use super::stripes::BoardStripe;
-use crate::eigen::symmetric_eigen;
-use crate::frames::{Cam, Plane};
-use crate::units::LaserId;
+use boxline::eigen::symmetric_eigen;
+use boxline::frames::{Cam, Plane};
+use boxline::units::LaserId;
 use nalgebra::{Matrix3, Vector3};
 
 /// The stripes of one frame in space.

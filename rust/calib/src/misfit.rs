@@ -10,11 +10,10 @@ use super::adjust::{
 };
 use super::lens::LensTerms;
 use super::model::{POSE, Row, SHARED, Shared, centre_rows, point_on_board, px_by_point, stripe_row};
-use super::uncertainty::CalibrationStep;
-use crate::calibration::{CalibrationCovariance, PLANES};
-use crate::eigen::symmetric_eigen;
-use crate::statistics::robust_sigma;
-use crate::units::Px;
+use boxline::calibration::{CalibrationCovariance, CalibrationStep, PLANES};
+use boxline::eigen::symmetric_eigen;
+use boxline::statistics::robust_sigma;
+use boxline::units::Px;
 use nalgebra::{DMatrix, DVector, Matrix2, SMatrix, SVector, Vector2, Vector3};
 
 /// What may be wrong with a set of frames.

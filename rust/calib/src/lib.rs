@@ -1,15 +1,18 @@
-//! One-step calibration of camera and lasers from frames of a circle board (paper, section 3.3).
+//! What estimates a head: one-step calibration of camera and lasers from frames of a circle board (paper, section 3.3), and [`drift`], which
+//! sees from ordinary boxes whether a laser has moved since. `rust/CALIBRATION.md` describes both; `examples/calibrate.rs` uses the first.
 //!
 //! [`find_board`] for every frame (frames are independent: run them in parallel), [`solve_camera`] over all of them,
 //! [`CameraSolution::find_stripes`] for every frame again, [`solve_all`]. Then [`uncertainty`] says what it is good for
 //! and [`next_frame`] what to add. A set that fixes no calibration is a [`CalibrationReject`]. While frames are being taken,
 //! [`Session`] says which are worth it.
+#![forbid(unsafe_code)]
 
 mod adjust;
 mod blobs;
 mod board;
 mod coverage;
 mod detect;
+pub mod drift;
 mod grid;
 mod judge;
 mod lens;
@@ -28,7 +31,19 @@ mod stripes;
 pub mod uncertainty;
 mod zhang;
 
-pub use crate::calibration::{CalibrationCovariance, PAPER_PARAMETERS, PARAMETERS};
+// Tests have core's noise, head and faces, which name modules of core as their own crate's.
+#[cfg(test)]
+use boxline::{calibration, camera, face_geometry, units};
+#[cfg(test)]
+#[path = "../../core/src/face_geometry/simulation.rs"]
+mod face_simulation;
+#[cfg(test)]
+#[path = "../../core/src/noise.rs"]
+mod noise;
+#[cfg(test)]
+#[path = "../../core/src/paper_head.rs"]
+mod paper_head;
+
 pub use board::{Board, BoardView, Circle, OnBoard};
 pub use coverage::{Corner, empty_corners};
 pub use detect::{MIN_CIRCLES, find_board};

@@ -1,39 +1,10 @@
 //! What a calibration's covariance means for a box: standard deviation of a side.
 
-use crate::calibration::{CalibrationCovariance, PARAMETERS, PLANES};
-use crate::camera::CameraModel;
-use crate::frames::{Cam, Plane, Ray};
-use crate::units::Px;
-use nalgebra::{Matrix3, SVector, Vector2, Vector3};
-
-/// Unknowns of a calibration in the order of its covariance.
-pub type CalibrationStep = SVector<f64, PARAMETERS>;
-
-/// A camera and planes moved by a step of the parameters.
-#[must_use]
-pub fn moved(
-    camera: &CameraModel,
-    lasers: &[Plane<Cam>; 4],
-    step: &CalibrationStep,
-) -> (CameraModel, [Plane<Cam>; 4]) {
-    let camera = CameraModel {
-        fx: camera.fx + step[0],
-        fy: camera.fy + step[1],
-        cx: camera.cx + step[2],
-        cy: camera.cy + step[3],
-        k1: camera.k1 + step[4],
-        k2: camera.k2 + step[5],
-        p1: camera.p1 + step[18],
-        p2: camera.p2 + step[19],
-        k3: camera.k3 + step[20],
-        ..*camera
-    };
-    let mut moved = *lasers;
-    for (k, plane) in moved.iter_mut().enumerate() {
-        *plane = Plane::new(plane.per_mm + step.fixed_rows::<3>(PLANES + 3 * k));
-    }
-    (camera, moved)
-}
+use boxline::calibration::{CalibrationCovariance, CalibrationStep, PARAMETERS, moved};
+use boxline::camera::CameraModel;
+use boxline::frames::{Cam, Plane, Ray};
+use boxline::units::Px;
+use nalgebra::{Matrix3, Vector2, Vector3};
 
 /// Variance that a calibration's covariance gives any quantity computed with it: `J C J^T`, J by central differences of
 /// a tenth of a sigma in every parameter. `None` if the quantity cannot be computed beside the calibration.

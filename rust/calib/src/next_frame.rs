@@ -6,10 +6,10 @@ use super::model::{POSE, SHARED, board_plane, centre_rows, stripe_row};
 use super::solve::CalibrationSolution;
 use super::uncertainty::{side_sigma_mm, usual_distance_mm};
 use super::{adjust, rim};
-use crate::calibration::CalibrationCovariance;
-use crate::frames::{Cam, Point, Pose, Ray};
-use crate::statistics::median;
-use crate::units::Px;
+use boxline::calibration::CalibrationCovariance;
+use boxline::frames::{Cam, Point, Pose, Ray};
+use boxline::statistics::median;
+use boxline::units::Px;
 use nalgebra::{Rotation3, SMatrix, SVector, Vector2, Vector3};
 
 /// A view that would help.

@@ -2,7 +2,7 @@
 //! covariance and theirs.
 
 use super::Direction;
-use crate::face_geometry::laser_motion::{MotionMatrix, Motions};
+use boxline::face_geometry::laser_motion::{MotionMatrix, Motions};
 use nalgebra::{DMatrix, DVector};
 
 /// A change is called real if chance alone gives a larger one in less than one of a hundred cases.

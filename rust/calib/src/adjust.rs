@@ -8,10 +8,10 @@
 use super::board::OnBoard;
 use super::lens::LensTerms;
 use super::model::{POSE, Row, SHARED, SKEW, Shared, centre_rows, moved, stripe_row};
-use crate::calibration::{CalibrationCovariance, PARAMETERS};
-use crate::frames::{Cam, Pose};
-use crate::statistics::{TUKEY, robust_sigma, tukey_weight};
-use crate::units::Px;
+use boxline::calibration::{CalibrationCovariance, PARAMETERS};
+use boxline::frames::{Cam, Pose};
+use boxline::statistics::{TUKEY, robust_sigma, tukey_weight};
+use boxline::units::Px;
 use nalgebra::{SMatrix, SVector, Vector2};
 
 /// Where a circle's centre was seen.

@@ -1,6 +1,6 @@
 //! Has a laser moved since the calibration? Every measured face of an ordinary box checks the four planes: 16 line coefficients
 //! for 8 unknowns. A joint adjustment over many faces gives the change of the twelve plane parameters; each face has its own
-//! plane and rectangle, eliminated face by face, as `calib` does with poses.
+//! plane and rectangle, eliminated face by face, as the calibration does with poses.
 //!
 //! What faces can tell (PHYSICS.md): the stripes of flat faces leave four parameters open, since `p -> a p + v` for all planes
 //! at once moves every face and bends no stripe. Right angles close three of them (v), one stays: the global scale a. A known
@@ -14,17 +14,16 @@ mod tests;
 pub use directions::{Direction, DirectionKind};
 pub use significance::{ChangeTest, SIGNIFICANT};
 
-use crate::calibration::{CAMERA, Calibration, CalibrationCovariance};
-use crate::error::{Error, ErrorKind};
-use crate::face::model::FaceState;
-use crate::face_geometry::FaceLines;
-use crate::face_geometry::fitted::{FittedFace, KnownSide, REDUNDANT};
-use crate::face_geometry::laser_motion::{
+use boxline::calibration::{CAMERA, Calibration, CalibrationCovariance};
+use boxline::error::{Error, ErrorKind};
+use boxline::face_geometry::fitted::{FittedFace, KnownSide, REDUNDANT};
+use boxline::face_geometry::laser_motion::{
     MotionMatrix, Motions, all_planes_by_motion, blocks, motions_of, moved,
 };
-use crate::frames::{Cam, Plane};
-use crate::measurement::FaceMeasurement;
-use crate::units::LaserId;
+use boxline::face_geometry::{FaceLines, FaceState};
+use boxline::frames::{Cam, Plane};
+use boxline::measurement::FaceMeasurement;
+use boxline::units::LaserId;
 use nalgebra::{Matrix3, SMatrix};
 
 /// A laser that turned by more than this fell off: rad, 1 sigma of what is thought possible before looking.

@@ -2,12 +2,12 @@
 //! light, blur, boards partly outside. The drawing shares the camera model with the library (`tests/opencv` does not) but
 //! nothing of its detection.
 
-use boxline::calib::{
+use boxline::frames::{Cam, Pose};
+use boxline::{CameraModel, Frame, LaserId, Px};
+use boxline_calib::{
     Board, CalibrationReject, CalibrationSettings, CalibrationSolution, FrameReject, OnBoard, empty_corners,
     find_board, solve_all, solve_camera,
 };
-use boxline::frames::{Cam, Pose};
-use boxline::{CameraModel, Frame, LaserId, Px};
 use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
 
 const WIDTH: usize = 1296;

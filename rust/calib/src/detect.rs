@@ -5,8 +5,8 @@ use super::board::{Board, BoardView, Circle};
 use super::grid::largest_grid;
 use super::reject::FrameReject;
 use super::rim::find_rim;
-use crate::image::Frame;
-use crate::statistics::median;
+use boxline::image::Frame;
+use boxline::statistics::median;
 
 /// Fewest circles of a frame: 6 unknowns of its pose leave 12 equations to check it and to tell about the camera.
 pub const MIN_CIRCLES: usize = 9;

@@ -7,10 +7,10 @@ use super::model::px_per_mm;
 use super::planes::StripesInSpace;
 use super::reject::CalibrationReject;
 use super::rim::centre_from_rim;
-use crate::camera::CameraModel;
-use crate::frames::{Cam, Pose};
-use crate::statistics::median;
-use crate::units::LaserId;
+use boxline::camera::CameraModel;
+use boxline::frames::{Cam, Pose};
+use boxline::statistics::median;
+use boxline::units::LaserId;
 
 /// Two frames must be tilted at least so far: below, focal length and distance go together (the first is then known to
 /// about 1 / tilt^2 of the circles' 0.05 px).

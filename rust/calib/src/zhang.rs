@@ -2,10 +2,10 @@
 //! Zhang, "A flexible new technique for camera calibration", PAMI 22 (2000), section 3.1.
 
 use super::board::OnBoard;
-use crate::camera::CameraModel;
-use crate::eigen::symmetric_eigen;
-use crate::frames::{Cam, Pose};
-use crate::units::Px;
+use boxline::camera::CameraModel;
+use boxline::eigen::symmetric_eigen;
+use boxline::frames::{Cam, Pose};
+use boxline::units::Px;
 use nalgebra::{DMatrix, Matrix3, SVector, Vector2, Vector3};
 
 /// The homography that takes (x, y, 1) on the board, mm, to pixels. Hartley's normalisation keeps the equations even.

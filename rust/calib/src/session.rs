@@ -6,9 +6,9 @@ use super::coverage::{Corner, corners_without};
 use super::judge::tilt_deg;
 use super::solve::{MIN_FRAMES, pairs_of};
 use super::zhang;
-use crate::camera::CameraModel;
-use crate::frames::{Cam, Pose};
-use crate::units::Px;
+use boxline::camera::CameraModel;
+use boxline::frames::{Cam, Pose};
+use boxline::units::Px;
 use nalgebra::{Vector2, Vector3};
 
 /// Twice the least with which a set is solved: every unknown is then seen more than once.
@@ -290,8 +290,8 @@ fn shift_px(before: &BoardView, view: &BoardView) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calib::board::Circle;
-    use crate::frames::Point;
+    use crate::board::Circle;
+    use boxline::frames::Point;
     use nalgebra::Rotation3;
 
     const BOARD: Board = Board { columns: 12, rows: 11, pitch_mm: 100.0, diameter_mm: 50.0 };

@@ -1,7 +1,7 @@
 //! Why a frame was left out, and why a set of frames gives no calibration.
 
 use super::detect::MIN_CIRCLES;
-use crate::units::LaserId;
+use boxline::units::LaserId;
 
 /// Why a frame does not take part, with what was found and what is needed.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,6 +1,6 @@
 //! The calibration board and what one frame shows of it.
 
-use crate::units::Px;
+use boxline::units::Px;
 use nalgebra::Vector2;
 
 /// Frame of the board: origin at the middle of its grid, x along the columns, y along the rows, z out of the printed

@@ -2,9 +2,9 @@
 //! ours, so coefficients cannot be exchanged: each side is fitted to the other over the whole sensor, and what is left is
 //! told in px. OpenCV: `calib3d`, "Detailed Description" (radial k1, k2, k3, tangential p1, p2).
 
-use crate::camera::CameraModel;
-use crate::frames::Ray;
-use crate::units::Px;
+use boxline::camera::CameraModel;
+use boxline::frames::Ray;
+use boxline::units::Px;
 use nalgebra::{DMatrix, DVector, Vector2};
 
 /// OpenCV's camera: matrix without skew, and five distortion coefficients.

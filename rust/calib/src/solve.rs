@@ -14,12 +14,12 @@ use super::reject::{CalibrationReject, FrameReject};
 use super::rim::{centre_from_rim, on_board};
 use super::stripes::{BoardStripe, find_stripes};
 use super::zhang;
-use crate::calibration::CalibrationCovariance;
-use crate::camera::CameraModel;
-use crate::frames::{Cam, Plane, Point, Pose};
-use crate::image::Frame;
-use crate::statistics::median;
-use crate::units::{LaserId, Px};
+use boxline::calibration::CalibrationCovariance;
+use boxline::camera::CameraModel;
+use boxline::frames::{Cam, Plane, Point, Pose};
+use boxline::image::Frame;
+use boxline::statistics::median;
+use boxline::units::{LaserId, Px};
 use nalgebra::{Vector2, Vector3};
 
 /// Fewest frames: as the paper's set could be cut down to; 5 are less than what the checks below need.

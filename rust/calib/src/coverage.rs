@@ -2,7 +2,7 @@
 //! the distortion there is extrapolated, which no residual and no covariance shows.
 
 use super::solve::CalibrationSolution;
-use crate::units::Px;
+use boxline::units::Px;
 
 /// A corner of the picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

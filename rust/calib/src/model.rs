@@ -2,14 +2,13 @@
 
 use super::board::OnBoard;
 use super::rim::board_matrix;
-use super::uncertainty::moved as moved_by;
-use crate::calibration::{CAMERA, PARAMETERS, PLANES};
-use crate::camera::CameraModel;
-use crate::frames::{Cam, Plane, Pose, Ray};
-use crate::units::Px;
+use boxline::calibration::{CAMERA, PARAMETERS, PLANES, moved as moved_by};
+use boxline::camera::CameraModel;
+use boxline::frames::{Cam, Plane, Pose, Ray};
+use boxline::units::Px;
 use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3};
 
-/// Unknowns that all frames share: those of a calibration ([`crate::calibration::PARAMETERS`]), then the skew.
+/// Unknowns that all frames share: those of a calibration ([`boxline::calibration::PARAMETERS`]), then the skew.
 pub(super) const SHARED: usize = PARAMETERS + 1;
 /// The skew.
 pub(super) const SKEW: usize = PARAMETERS;

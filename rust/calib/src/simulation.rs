@@ -11,11 +11,11 @@ use super::model::{SHARED, SKEW, Shared, board_plane, moved};
 use super::planes;
 use super::rim::on_board;
 use super::uncertainty::{SideSeen, side_sigma_mm, usual_distance_mm};
-use crate::calibration::{CalibrationCovariance, PARAMETERS};
-use crate::camera::CameraModel;
-use crate::frames::{Cam, Point, Pose, Ray};
 use crate::noise::Noise;
-use crate::units::Px;
+use boxline::calibration::{CalibrationCovariance, PARAMETERS};
+use boxline::camera::CameraModel;
+use boxline::frames::{Cam, Point, Pose, Ray};
+use boxline::units::Px;
 use nalgebra::{Rotation3, SMatrix, SVector, Vector3};
 
 const BOARD: Board = Board { columns: 12, rows: 11, pitch_mm: 100.0, diameter_mm: 50.0 };

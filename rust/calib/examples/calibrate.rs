@@ -1,14 +1,20 @@
-//! Camera and laser planes from pictures of the circle board: `cargo run --release -p boxline --example calibrate -- [FOLDER]`.
+//! Camera and laser planes from pictures of the circle board: `cargo run --release -p boxline-calib --example calibrate -- [FOLDER]`.
 
 use boxline::Frame;
-use boxline::calib::{Board, CalibrationSettings, find_board, solve_all, solve_camera};
+use boxline_calib::{Board, CalibrationSettings, find_board, solve_all, solve_camera};
 use boxline_proto::json::{Role, read_board, read_recording};
 use std::error::Error;
 use std::path::PathBuf;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let folder = PathBuf::from(std::env::args().nth(1).unwrap_or_else(|| "tests/data/board".to_owned()));
-    let board = Board::from(read_board(&folder.join("board.json"))?);
+    let file = read_board(&folder.join("board.json"))?;
+    let board = Board {
+        columns: file.columns,
+        rows: file.rows,
+        pitch_mm: file.pitch_mm,
+        diameter_mm: file.diameter_mm,
+    };
     let recording = read_recording(&folder)?;
     let files = recording.frames.iter().filter(|frame| frame.role == Role::Board).map(|frame| &frame.file);
     let frames: Vec<Frame> = files

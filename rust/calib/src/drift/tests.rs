@@ -1,9 +1,9 @@
 //! Drift from faces simulated at the level of line coefficients: heads whose lasers moved, faces as a courier sees them.
 
 use super::*;
-use crate::face_geometry::simulation::{head, some_face};
-use crate::frames::Plane;
+use crate::face_simulation::{head, some_face};
 use crate::noise::Noise;
+use boxline::frames::Plane;
 
 /// The head with its lasers moved.
 fn moved_head(motions: &Motions) -> Calibration {

@@ -3,14 +3,13 @@
 
 use super::board::{Board, BoardView, OnBoard};
 use super::rim::board_matrix;
-use crate::camera::CameraModel;
-use crate::eigen::symmetric_eigen;
-use crate::frames::{Cam, Pose, Ray};
-use crate::image::Frame;
-use crate::image::laser_response::{Diagonal, RidgeMap, Z_STEPS, half_laser_response, ridge_map};
-use crate::stripe::peak::{Estimator, find_peak};
-use crate::stripe::trace::{FOOT_PER_HALF_HEIGHT, HALF_WIDTHS_PX, SPECKLE_PX, SPECKLE_ROWS};
-use crate::units::Px;
+use boxline::camera::CameraModel;
+use boxline::eigen::symmetric_eigen;
+use boxline::frames::{Cam, Pose, Ray};
+use boxline::image::Frame;
+use boxline::image::laser_response::{Diagonal, RidgeMap, Z_STEPS, half_laser_response, ridge_map};
+use boxline::stripe::peak::{Estimator, find_peak, foot_half_width_px, speckle_px};
+use boxline::units::Px;
 use nalgebra::{Matrix2, Matrix3, Vector2};
 
 /// One stripe of one frame, not yet known which laser's.
@@ -327,8 +326,7 @@ fn follow(frame: &Frame, area: &Area, line: &Line, others: &[Line]) -> Vec<(Px, 
         let at = block.iter().map(|c| c.at).sum::<Vector2<f64>>() / n;
         let normal = block.iter().map(|c| c.normal).sum::<Vector2<f64>>() / n;
         let centre = at + normal * shift;
-        let speckle = SPECKLE_PX / (n / SPECKLE_ROWS).max(1.0).sqrt();
-        points.push((Px::new(centre.x, centre.y), peak.sigma.hypot(speckle)));
+        points.push((Px::new(centre.x, centre.y), peak.sigma.hypot(speckle_px(n))));
     }
     points
 }
@@ -349,5 +347,5 @@ fn half_width_px<'a>(profiles: impl Iterator<Item = &'a [f32]>) -> Option<f64> {
     let level = even[REACH_PX - 8..].iter().sum::<f64>() / 9.0;
     let top = even[..3].iter().copied().fold(f64::NEG_INFINITY, f64::max) - level;
     let below = even.iter().position(|y| y - level < 0.5 * top)?;
-    (top > 0.0).then(|| (below as f64 * FOOT_PER_HALF_HEIGHT).clamp(HALF_WIDTHS_PX.0, HALF_WIDTHS_PX.1))
+    (top > 0.0).then(|| foot_half_width_px(below as f64))
 }

@@ -3,7 +3,7 @@
 
 use super::adjust::{Fixed, FrameSeen, Loss, Scatter, adjust, residuals, scatter};
 use super::model::Shared;
-use crate::statistics::TUKEY;
+use boxline::statistics::TUKEY;
 
 /// Terms of the distortion beyond the paper's k1 and k2.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
