@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used)] // the helpers of tests are tests
 
 use boxline::{Frame, Outcome, measure_box};
-use boxline_sim::recording::{Hold, Kind, Recipe};
+use boxline_sim::recording::{HeadHold, Kind, Recipe};
 use boxline_sim::{Split, Stock};
 use boxline_tests::{Rendered, shipped};
 
@@ -12,7 +12,7 @@ const SEED: u64 = 100_010_709;
 
 #[test]
 fn a_box_whose_print_hides_its_stripes_is_measured_with_its_twin() {
-    let recipe = Recipe { off: Some(Hold::Hand), ..Recipe::new(SEED, Kind::Box) };
+    let recipe = Recipe { off: Some(HeadHold::Hand), ..Recipe::new(SEED, Kind::Box) };
     let rendered = Rendered::new(&recipe, &Stock::new(Split::HeldOut));
     let truth_mm = rendered.truth.box_mm.unwrap();
     let frame = |id| rendered.frame(id);

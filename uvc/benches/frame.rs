@@ -8,7 +8,7 @@ mod support;
 
 use boxline_uvc::Assembler;
 use boxline_uvc::bulk::BulkSplitter;
-use boxline_uvc::emulator::{Answer, Settings, Setup, Shot, SoftwareHead};
+use boxline_uvc::emulator::{FrameRequest, InReply, Settings, Setup, SoftwareHead};
 use boxline_uvc::probe::Probe;
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use std::sync::Arc;
@@ -21,14 +21,14 @@ const PAYLOAD_BYTES: u32 = 4096;
 /// What the software head sends for one frame over a bulk pipe.
 fn transfers() -> Vec<Vec<u8>> {
     let settings = Settings { max_payload_bytes: PAYLOAD_BYTES, ..Settings::default() };
-    let source = Box::new(|shot: Shot| {
+    let source = Box::new(|shot: FrameRequest| {
         (shot.number < 2).then(|| Arc::from(support::picture(shot.number, FRAME_BYTES)))
     });
     let mut head = SoftwareHead::new(settings, source);
     let commit = Setup { request_type: 0x21, request: 1, value: 0x200, index: 1, length: 34 };
     head.control(commit, &Probe::default().encode(34), Duration::ZERO).expect("the head streams");
     let mut transfers = Vec::new();
-    while let Answer::Data(bytes) = head.bulk_in(TRANSFER_BYTES, Duration::ZERO) {
+    while let InReply::Data(bytes) = head.bulk_in(TRANSFER_BYTES, Duration::ZERO) {
         transfers.push(bytes);
     }
     transfers

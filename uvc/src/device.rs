@@ -30,7 +30,7 @@ pub struct Selector {
 
 /// A camera of USB video class that the system shows.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Found {
+pub struct ListedCamera {
     /// Vendor's and product's number.
     pub product: (u16, u16),
     /// Bus and address.
@@ -53,7 +53,7 @@ pub struct Identity {
 pub(crate) struct Inner {
     pub handle: Handle,
     pub video: VideoFunction,
-    asked: Asked,
+    descriptors: DeviceDescriptors,
     extension_unit: Option<u8>,
     /// A laser was switched on and not all off since.
     lasers_on: AtomicBool,
@@ -66,32 +66,32 @@ pub struct Device {
 }
 
 /// All cameras that the system shows. They are only asked for their descriptors: a program that has one keeps it.
-pub fn devices() -> Result<Vec<Found>, Error> {
+pub fn devices() -> Result<Vec<ListedCamera>, Error> {
     let mut found = Vec::new();
     for listed in sys::list()? {
-        let (state, findings) = match listed.open().and_then(|handle| Asked::ask(&handle)) {
-            Ok(asked) => {
-                if asked.video().is_err_and(|e| e.kind() == ErrorKind::Unsupported) {
+        let (state, findings) = match listed.open().and_then(|handle| DeviceDescriptors::ask(&handle)) {
+            Ok(descriptors) => {
+                if descriptors.video().is_err_and(|e| e.kind() == ErrorKind::Unsupported) {
                     continue; // no camera
                 }
-                (asked.identity().map_err(|e| e.to_string()), asked.lint())
+                (descriptors.identity().map_err(|e| e.to_string()), descriptors.lint())
             }
             Err(e) => (Err(e.to_string()), Vec::new()),
         };
         let product = (listed.vendor_id, listed.product_id);
-        found.push(Found { product, place: listed.place, state, findings });
+        found.push(ListedCamera { product, place: listed.place, state, findings });
     }
     Ok(found)
 }
 
 /// What a device answers without being taken from whoever has it: its descriptors.
-pub(crate) struct Asked {
+pub(crate) struct DeviceDescriptors {
     device: Vec<u8>,
     configuration: Vec<u8>,
     serial: String,
 }
 
-impl Asked {
+impl DeviceDescriptors {
     pub(crate) fn ask(handle: &Handle) -> Result<Self, Error> {
         let descriptor = |kind: u16, index: u16, length: u16| {
             let (value, language) = (kind << 8 | index, if kind == 3 { 0x0409 } else { 0 });
@@ -134,8 +134,8 @@ impl Device {
 
     /// What the device behind a descriptor of usbfs is, as [`devices`] asks it: nothing is taken from a program that has it.
     pub fn identify(fd: BorrowedFd<'_>) -> Result<(Result<Identity, Error>, Vec<Finding>), Error> {
-        let asked = Asked::ask(&Handle::from_fd(fd)?)?;
-        Ok((asked.identity(), asked.lint()))
+        let descriptors = DeviceDescriptors::ask(&Handle::from_fd(fd)?)?;
+        Ok((descriptors.identity(), descriptors.lint()))
     }
 
     /// Finds and opens the one device that is meant; others are left to whoever has them. A device that cannot be asked is skipped if
@@ -148,12 +148,12 @@ impl Device {
                 continue;
             }
             let opened = listed.open().and_then(|handle| {
-                let asked = Asked::ask(&handle)?;
-                let identity = asked.identity()?;
+                let descriptors = DeviceDescriptors::ask(&handle)?;
+                let identity = descriptors.identity()?;
                 let named = selector.serial.as_ref().is_none_or(|serial| *serial == identity.serial);
                 // Without a number or name any camera would do: only heads are meant.
                 let meant = named && (identity.is_head || selector != &Selector::default());
-                if meant { Self::take(handle, asked).map(Some) } else { Ok(None) }
+                if meant { Self::take(handle, descriptors).map(Some) } else { Ok(None) }
             });
             match opened {
                 Ok(device) => fitting.extend(device),
@@ -173,26 +173,26 @@ impl Device {
     }
 
     fn new(handle: Handle) -> Result<Self, Error> {
-        let asked = Asked::ask(&handle)?;
-        asked.identity()?;
-        Self::take(handle, asked)
+        let descriptors = DeviceDescriptors::ask(&handle)?;
+        descriptors.identity()?;
+        Self::take(handle, descriptors)
     }
 
     /// Takes its control interface, from Linux's own driver too.
-    fn take(handle: Handle, asked: Asked) -> Result<Self, Error> {
-        let video = asked.video()?;
+    fn take(handle: Handle, descriptors: DeviceDescriptors) -> Result<Self, Error> {
+        let video = descriptors.video()?;
         let extension_unit = video.extension(&GUID).map(|(unit, _)| unit);
         handle
             .claim(video.control_interface)
             .map_err(|code| code.error(format!("taking interface {}", video.control_interface)))?;
-        let inner = Inner { handle, video, asked, extension_unit, lasers_on: AtomicBool::new(false) };
+        let inner = Inner { handle, video, descriptors, extension_unit, lasers_on: AtomicBool::new(false) };
         inner.check_extension()?;
         Ok(Self { inner: Arc::new(inner) })
     }
 
     /// Serial number of the device descriptor; empty if it has none.
     pub fn serial(&self) -> &str {
-        &self.inner.asked.serial
+        &self.inner.descriptors.serial
     }
 
     /// Whether it has lasers and a calibration store.
@@ -207,7 +207,7 @@ impl Device {
 
     /// Contradictions in its descriptors.
     pub fn lint(&self) -> Vec<Finding> {
-        self.inner.asked.lint()
+        self.inner.descriptors.lint()
     }
 
     /// Switches lasers and reads back. While no stream is read, repeat it at least once a second, or they go out.

@@ -21,6 +21,6 @@ mod stream;
 mod sys;
 
 pub use assembly::{Assembler, Counters, Frame};
-pub use device::{Device, Found, Identity, Selector, devices};
+pub use device::{Device, Identity, ListedCamera, Selector, devices};
 pub use error::{Error, ErrorKind};
-pub use stream::{Agreed, Stream, StreamSettings};
+pub use stream::{NegotiatedMode, Stream, StreamSettings};

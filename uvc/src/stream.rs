@@ -45,7 +45,7 @@ impl Default for StreamSettings {
 
 /// What was agreed on.
 #[derive(Clone, Debug)]
-pub struct Agreed {
+pub struct NegotiatedMode {
     /// Format, size and rate, with the reason if they are not the preferred ones.
     pub mode: Mode,
     /// What the device answered to the probe.
@@ -85,7 +85,7 @@ pub struct Stream {
     inner: Arc<Inner>,
     shared: Arc<Shared>,
     pump: Option<JoinHandle<()>>,
-    agreed: Agreed,
+    negotiated: NegotiatedMode,
 }
 
 impl Device {
@@ -132,7 +132,7 @@ impl Stream {
             changed: Condvar::new(),
         });
         let max_payload = usize::try_from(probe.max_payload_bytes).unwrap_or(usize::MAX);
-        let pump = Pump {
+        let pump = TransferThread {
             inner: inner.clone(),
             queue,
             idle: Vec::new(),
@@ -148,13 +148,13 @@ impl Stream {
         let thread = std::thread::Builder::new().name("usb stream".into()).spawn(move || pump.run());
         let pump =
             thread.map_err(|e| Error::new(ErrorKind::Io, format!("starting the stream's thread: {e}")))?;
-        let agreed = Agreed { mode, probe, alternate, fallback };
-        Ok(Self { inner: inner.clone(), shared, pump: Some(pump), agreed })
+        let negotiated = NegotiatedMode { mode, probe, alternate, fallback };
+        Ok(Self { inner: inner.clone(), shared, pump: Some(pump), negotiated })
     }
 
     /// What was agreed on.
-    pub fn agreed(&self) -> &Agreed {
-        &self.agreed
+    pub fn negotiated(&self) -> &NegotiatedMode {
+        &self.negotiated
     }
 
     /// The oldest frame that waits. [`ErrorKind::Timeout`] if none comes within `limit`; other errors end the stream.
@@ -327,7 +327,7 @@ fn submit_first(
 }
 
 /// The thread that takes transfers, assembles frames and queues the transfers again.
-struct Pump {
+struct TransferThread {
     inner: Arc<Inner>,
     queue: Arc<Queue>,
     /// To be queued; the box is what libusb gets and gives back.
@@ -344,7 +344,7 @@ struct Pump {
     starved_since: Option<Instant>,
 }
 
-impl Pump {
+impl TransferThread {
     fn run(mut self) {
         let error = self.pump().err();
         let lost = error.as_ref().is_some_and(|error| error.kind() == ErrorKind::DeviceLost);

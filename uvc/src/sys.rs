@@ -28,9 +28,9 @@ const CLOSE_LIMIT: Duration = Duration::from_secs(1);
 
 /// What libusb says to a call.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Code(rusb::Error);
+pub(crate) struct LibusbError(rusb::Error);
 
-impl Code {
+impl LibusbError {
     /// Of a call that `rusb` does not make.
     fn of(code: c_int) -> Self {
         use ffi::constants::*;
@@ -93,7 +93,7 @@ unsafe extern "C" {
 
 /// A context that never looks at /dev/bus/usb, which an Android app may not do. `rusb::disable_device_discovery` would say so for all
 /// contexts of the process.
-fn without_discovery() -> Result<rusb::Context, Code> {
+fn without_discovery() -> Result<rusb::Context, LibusbError> {
     let option = InitOption { option: ffi::constants::LIBUSB_OPTION_NO_DEVICE_DISCOVERY as c_int, value: 0 };
     let mut raw = ptr::null_mut();
     // SAFETY: `raw` and `option` live during the call; the count is that of options behind the pointer. A context that was made is
@@ -101,12 +101,12 @@ fn without_discovery() -> Result<rusb::Context, Code> {
     unsafe {
         match libusb_init_context(&mut raw, &option, 1) {
             0 => Ok(rusb::Context::from_raw(raw)),
-            code => Err(Code::of(code)),
+            code => Err(LibusbError::of(code)),
         }
     }
 }
 
-fn starting(code: Code) -> Error {
+fn starting(code: LibusbError) -> Error {
     code.error("starting libusb, which needs /dev/bus/usb and the uevents of the kernel")
 }
 
@@ -121,8 +121,8 @@ pub(crate) struct Listed {
 
 /// All devices that the system shows.
 pub(crate) fn list() -> Result<Vec<Listed>, Error> {
-    let context = rusb::Context::new().map_err(|e| starting(Code(e)))?;
-    let devices = context.devices().map_err(|e| Code(e).error("listing devices"))?;
+    let context = rusb::Context::new().map_err(|e| starting(LibusbError(e)))?;
+    let devices = context.devices().map_err(|e| LibusbError(e).error("listing devices"))?;
     let listed = |device: rusb::Device<rusb::Context>| {
         let descriptor = device.device_descriptor().ok()?; // libusb has it: this cannot fail
         let place = (device.bus_number(), device.address());
@@ -134,20 +134,20 @@ pub(crate) fn list() -> Result<Vec<Listed>, Error> {
 impl Listed {
     pub fn open(&self) -> Result<Handle, Error> {
         let opened = self.device.open().map_err(|e| {
-            Code(e).error(format!("opening the device {:03}/{:03}", self.place.0, self.place.1))
+            LibusbError(e).error(format!("opening the device {:03}/{:03}", self.place.0, self.place.1))
         })?;
         Handle::new(opened, None)
     }
 }
 
 /// An open device, closed when the last user drops it.
-struct Open {
+struct OpenDevice {
     /// Every transfer in flight, every call and the event thread hold an Arc to this: when it is closed none is left.
     handle: rusb::DeviceHandle<rusb::Context>,
-    /// How many [`InUse`] there are.
+    /// How many [`UseGuard`] there are.
     in_use: AtomicUsize,
     ending: AtomicBool,
-    /// Whether somebody has the [`Turn`].
+    /// Whether somebody has the [`ExclusiveCall`].
     turn: Mutex<bool>,
     turn_ended: Condvar,
     /// A duplicate of the descriptor it was opened by. As the last field it outlives the handle.
@@ -155,16 +155,16 @@ struct Open {
 }
 
 /// A transfer that libusb holds, or a call that has not returned: until there is none, events are handled and the device stays open.
-struct InUse(Arc<Open>);
+struct UseGuard(Arc<OpenDevice>);
 
-impl InUse {
-    fn new(open: &Arc<Open>) -> Self {
+impl UseGuard {
+    fn new(open: &Arc<OpenDevice>) -> Self {
         open.in_use.fetch_add(1, Ordering::AcqRel);
         Self(open.clone())
     }
 }
 
-impl Drop for InUse {
+impl Drop for UseGuard {
     fn drop(&mut self) {
         self.0.in_use.fetch_sub(1, Ordering::AcqRel);
     }
@@ -172,17 +172,21 @@ impl Drop for InUse {
 
 /// Leave to call what takes the lock that Linux has for each device. While Linux waits for a silent device with that lock, others must
 /// not even submit a request: they would wait as long.
-struct Turn(InUse);
+struct ExclusiveCall(UseGuard);
 
-impl Turn {
-    fn take(open: &Arc<Open>, limit: Duration) -> Result<Self, Code> {
+impl ExclusiveCall {
+    fn take(open: &Arc<OpenDevice>, limit: Duration) -> Result<Self, LibusbError> {
         let wait = open.turn_ended.wait_timeout_while(lock(&open.turn), limit, |taken| *taken);
         let mut taken = wait.unwrap_or_else(PoisonError::into_inner).0;
-        if std::mem::replace(&mut *taken, true) { Err(Code::LATE) } else { Ok(Self(InUse::new(open))) }
+        if std::mem::replace(&mut *taken, true) {
+            Err(LibusbError::LATE)
+        } else {
+            Ok(Self(UseGuard::new(open)))
+        }
     }
 }
 
-impl Drop for Turn {
+impl Drop for ExclusiveCall {
     fn drop(&mut self) {
         let open = &self.0.0;
         *lock(&open.turn) = false;
@@ -192,7 +196,7 @@ impl Drop for Turn {
 
 /// An open device with the thread that runs its events. Dropping it closes the device.
 pub(crate) struct Handle {
-    open: Arc<Open>,
+    open: Arc<OpenDevice>,
     events: Option<JoinHandle<()>>,
 }
 
@@ -205,13 +209,13 @@ impl Handle {
         let context = without_discovery().map_err(starting)?;
         // SAFETY: the descriptor is ours and outlives the handle.
         let opened = unsafe { context.open_device_with_fd(fd.as_raw_fd()) };
-        Self::new(opened.map_err(|e| Code(e).error("opening the device by its descriptor"))?, Some(fd))
+        Self::new(opened.map_err(|e| LibusbError(e).error("opening the device by its descriptor"))?, Some(fd))
     }
 
     fn new(handle: rusb::DeviceHandle<rusb::Context>, fd: Option<OwnedFd>) -> Result<Self, Error> {
         // Where the kernel's own driver holds an interface it is put aside while we have it. Not supported everywhere.
         handle.set_auto_detach_kernel_driver(true).ok();
-        let open = Arc::new(Open {
+        let open = Arc::new(OpenDevice {
             handle,
             in_use: AtomicUsize::new(0),
             ending: AtomicBool::new(false),
@@ -234,19 +238,19 @@ impl Handle {
         Ok(handle)
     }
 
-    pub fn claim(&self, interface: u8) -> Result<(), Code> {
+    pub fn claim(&self, interface: u8) -> Result<(), LibusbError> {
         self.call(CLAIM_LIMIT, move |handle| handle.claim_interface(interface))
     }
 
-    pub fn release(&self, interface: u8) -> Result<(), Code> {
+    pub fn release(&self, interface: u8) -> Result<(), LibusbError> {
         self.call(KERNEL_LIMIT, move |handle| handle.release_interface(interface))
     }
 
-    pub fn set_alternate(&self, interface: u8, setting: u8) -> Result<(), Code> {
+    pub fn set_alternate(&self, interface: u8, setting: u8) -> Result<(), LibusbError> {
         self.call(KERNEL_LIMIT, move |handle| handle.set_alternate_setting(interface, setting))
     }
 
-    pub fn clear_halt(&self, endpoint: u8) -> Result<(), Code> {
+    pub fn clear_halt(&self, endpoint: u8) -> Result<(), LibusbError> {
         self.call(KERNEL_LIMIT, move |handle| handle.clear_halt(endpoint))
     }
 
@@ -255,9 +259,9 @@ impl Handle {
         &self,
         limit: Duration,
         call: impl FnOnce(&rusb::DeviceHandle<rusb::Context>) -> rusb::Result<()> + Send + 'static,
-    ) -> Result<(), Code> {
+    ) -> Result<(), LibusbError> {
         let end = Instant::now() + limit;
-        let turn = Turn::take(&self.open, limit)?;
+        let turn = ExclusiveCall::take(&self.open, limit)?;
         let (tell, told) = mpsc::channel();
         let run = move || {
             let result = call(&turn.0.0.handle);
@@ -265,11 +269,11 @@ impl Handle {
             tell.send(result).ok(); // the caller may have given up
         };
         let Ok(_detached) = std::thread::Builder::new().name("usb call".into()).spawn(run) else {
-            return Err(Code(rusb::Error::NoMem));
+            return Err(LibusbError(rusb::Error::NoMem));
         };
         match told.recv_timeout(end.saturating_duration_since(Instant::now())) {
-            Ok(result) => result.map_err(Code),
-            Err(_) => Err(Code::LATE),
+            Ok(result) => result.map_err(LibusbError),
+            Err(_) => Err(LibusbError::LATE),
         }
     }
 
@@ -283,7 +287,7 @@ impl Handle {
         index: u16,
         data: ControlData<'_>,
         limit: Duration,
-    ) -> Result<Vec<u8>, Code> {
+    ) -> Result<Vec<u8>, LibusbError> {
         let (length, out): (usize, &[u8]) = match data {
             ControlData::In(length) => (usize::from(length), &[]),
             ControlData::Out(bytes) => (bytes.len(), bytes),
@@ -299,27 +303,31 @@ impl Handle {
         // Its own queue: an answer that comes too late finds nobody and is freed.
         let queue = Queue::new();
         let end = Instant::now() + limit;
-        let turn = Turn::take(&self.open, limit)?;
+        let turn = ExclusiveCall::take(&self.open, limit)?;
         let left = end.saturating_duration_since(Instant::now());
         transfer.limit_ms = c_uint::try_from(left.as_millis()).unwrap_or(c_uint::MAX).max(1);
         transfer.submit(&self.open, &queue).map_err(|(_, code)| code)?;
         drop(turn);
-        let Some(done) = queue.pop(left + CLOSE_LIMIT) else { return Err(Code::LATE) };
+        let Some(done) = queue.pop(left + CLOSE_LIMIT) else { return Err(LibusbError::LATE) };
         match done.status() {
             Status::Completed => {
                 let got = done.actual_length().min(length);
                 Ok(done.buffer[SETUP_BYTES..SETUP_BYTES + got].to_vec())
             }
-            Status::TimedOut => Err(Code::LATE),
-            Status::Stall => Err(Code(rusb::Error::Pipe)),
-            Status::Gone | Status::Cancelled => Err(Code(rusb::Error::NoDevice)),
-            Status::Overflow => Err(Code(rusb::Error::Overflow)),
-            Status::Failed => Err(Code(rusb::Error::Io)),
+            Status::TimedOut => Err(LibusbError::LATE),
+            Status::Stall => Err(LibusbError(rusb::Error::Pipe)),
+            Status::Gone | Status::Cancelled => Err(LibusbError(rusb::Error::NoDevice)),
+            Status::Overflow => Err(LibusbError(rusb::Error::Overflow)),
+            Status::Failed => Err(LibusbError(rusb::Error::Io)),
         }
     }
 
     /// Hands a transfer to libusb. On failure it comes back.
-    pub fn submit(&self, transfer: Box<Transfer>, queue: &Arc<Queue>) -> Result<(), (Box<Transfer>, Code)> {
+    pub fn submit(
+        &self,
+        transfer: Box<Transfer>,
+        queue: &Arc<Queue>,
+    ) -> Result<(), (Box<Transfer>, LibusbError)> {
         transfer.submit(&self.open, queue)
     }
 }
@@ -386,17 +394,17 @@ pub(crate) struct Transfer {
     packets: usize,
     packet_bytes: usize,
     /// Where it goes when it is done, and what keeps the device open until then.
-    flight: Option<(Weak<Queue>, InUse)>,
+    flight: Option<(Weak<Queue>, UseGuard)>,
 }
 
 // SAFETY: the raw transfer is owned by this value alone; libusb does not tie transfers to threads.
 unsafe impl Send for Transfer {}
 
 impl Transfer {
-    fn new(buffer: Vec<u8>, packets: usize) -> Result<Box<Self>, Code> {
+    fn new(buffer: Vec<u8>, packets: usize) -> Result<Box<Self>, LibusbError> {
         // SAFETY: no conditions; null is handled.
         let raw = unsafe { ffi::libusb_alloc_transfer(c_int::try_from(packets).unwrap_or(c_int::MAX)) };
-        let raw = NonNull::new(raw).ok_or(Code(rusb::Error::NoMem))?;
+        let raw = NonNull::new(raw).ok_or(LibusbError(rusb::Error::NoMem))?;
         let packet_bytes = buffer.len().checked_div(packets).unwrap_or(0);
         Ok(Box::new(Self {
             raw,
@@ -411,24 +419,28 @@ impl Transfer {
     }
 
     /// Reads `bytes` from a bulk endpoint, without a time limit.
-    pub fn bulk(endpoint: u8, bytes: usize) -> Result<Box<Self>, Code> {
+    pub fn bulk(endpoint: u8, bytes: usize) -> Result<Box<Self>, LibusbError> {
         let mut transfer = Self::new(vec![0; bytes], 0)?;
         (transfer.kind, transfer.endpoint) = (ffi::constants::LIBUSB_TRANSFER_TYPE_BULK, endpoint);
         Ok(transfer)
     }
 
     /// Reads some packets from an isochronous endpoint.
-    pub fn isochronous(endpoint: u8, packets: usize, packet_bytes: usize) -> Result<Box<Self>, Code> {
+    pub fn isochronous(endpoint: u8, packets: usize, packet_bytes: usize) -> Result<Box<Self>, LibusbError> {
         let mut transfer = Self::new(vec![0; packets * packet_bytes], packets)?;
         (transfer.kind, transfer.endpoint) = (ffi::constants::LIBUSB_TRANSFER_TYPE_ISOCHRONOUS, endpoint);
         Ok(transfer)
     }
 
-    fn submit(mut self: Box<Self>, open: &Arc<Open>, queue: &Arc<Queue>) -> Result<(), (Box<Self>, Code)> {
-        self.flight = Some((Arc::downgrade(queue), InUse::new(open)));
+    fn submit(
+        mut self: Box<Self>,
+        open: &Arc<OpenDevice>,
+        queue: &Arc<Queue>,
+    ) -> Result<(), (Box<Self>, LibusbError)> {
+        self.flight = Some((Arc::downgrade(queue), UseGuard::new(open)));
         let raw = self.raw;
         let length = c_int::try_from(self.buffer.len()).unwrap_or(c_int::MAX); // buffers are far below 2 GB
-        lock(&queue.state).alive.push(Name(raw));
+        lock(&queue.state).alive.push(TransferId(raw));
         let whole = Box::into_raw(self);
         // SAFETY: `raw` is a live transfer that is not in flight, with room for `packets` packet descriptors; the buffer has
         // `length` bytes and moves with the box to the callback; `whole` is given back there, or below if libusb refuses.
@@ -454,7 +466,7 @@ impl Transfer {
                 // SAFETY: libusb refused the transfer, so its callback will never run and the box is ours again.
                 let mut back = unsafe { Box::from_raw(whole) };
                 back.flight = None;
-                Err((back, Code::of(code)))
+                Err((back, LibusbError::of(code)))
             }
         }
     }
@@ -496,10 +508,10 @@ impl Drop for Transfer {
 
 /// Names a transfer that is alive: in flight, or done and not popped.
 #[derive(Clone, Copy, PartialEq, Eq)]
-struct Name(NonNull<ffi::libusb_transfer>);
+struct TransferId(NonNull<ffi::libusb_transfer>);
 
 // SAFETY: only a name; `Queue` alone uses it, and forgets it when the transfer is popped.
-unsafe impl Send for Name {}
+unsafe impl Send for TransferId {}
 
 /// Runs on the event thread when a transfer is done, however it ended.
 extern "system" fn finished(raw: *mut ffi::libusb_transfer) {
@@ -520,7 +532,7 @@ pub(crate) struct Queue {
 }
 
 struct QueueState {
-    alive: Vec<Name>,
+    alive: Vec<TransferId>,
     done: VecDeque<Box<Transfer>>,
 }
 

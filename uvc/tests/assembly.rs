@@ -4,7 +4,7 @@
 mod support;
 
 use boxline_uvc::bulk::BulkSplitter;
-use boxline_uvc::emulator::{Answer, Fault, Pipe, Settings, Setup, SoftwareHead};
+use boxline_uvc::emulator::{Fault, InReply, Pipe, Settings, Setup, SoftwareHead};
 use boxline_uvc::payload::{FrameTag, PayloadHeader};
 use boxline_uvc::probe::Probe;
 use boxline_uvc::{Assembler, Counters, Frame};
@@ -26,7 +26,7 @@ fn stream(mut head: SoftwareHead, pipe: Pipe, transfer: usize, lost: &[u64]) -> 
             head.control(commit, &Probe::default().encode(34), NOW).unwrap();
             let mut splitter = BulkSplitter::new(4096);
             for number in 0.. {
-                let Answer::Data(bytes) = head.bulk_in(transfer, NOW) else { break };
+                let InReply::Data(bytes) = head.bulk_in(transfer, NOW) else { break };
                 if lost.contains(&number) {
                     splitter.failed(&mut frames);
                 } else {

@@ -9,7 +9,7 @@ mod support;
 mod usbfs;
 
 use boxline_uvc::descriptor::UvcVersion;
-use boxline_uvc::emulator::{Fault, Pipe, Settings, Shot, SoftwareHead};
+use boxline_uvc::emulator::{Fault, FrameRequest, Pipe, Settings, SoftwareHead};
 use boxline_uvc::head::{self, Lasers};
 use boxline_uvc::{Counters, Device, ErrorKind, Frame, Stream, StreamSettings, store};
 use std::collections::BTreeMap;
@@ -75,7 +75,10 @@ fn every_version_streams_over_both_pipes() {
             assert_eq!((device.serial(), device.video().version), ("SOFT-0001", version));
             assert_eq!(device.lint(), []);
             let stream = device.start(&PATIENT).unwrap();
-            assert_eq!((&stream.agreed().mode.fallback, &stream.agreed().fallback[..]), (&None, &[][..]));
+            assert_eq!(
+                (&stream.negotiated().mode.fallback, &stream.negotiated().fallback[..]),
+                (&None, &[][..])
+            );
             let (frames, end) = drain(&bus, &stream);
             let counters = stream.stop().unwrap();
             assert_eq!((frames.len(), end), (60, ErrorKind::Timeout), "{version:?} {pipe:?} {counters:?}");
@@ -103,7 +106,7 @@ fn a_bulk_endpoint_in_another_setting_gets_its_set_interface() {
     let device = Device::from_fd(bus.fd()).unwrap();
     for round in 0..2 {
         let stream = device.start(&PATIENT).unwrap();
-        assert_eq!(stream.agreed().alternate.setting, 2);
+        assert_eq!(stream.negotiated().alternate.setting, 2);
         let (frames, end) = drain(&bus, &stream);
         assert_eq!((frames.len(), end), (if round == 0 { 20 } else { 0 }, ErrorKind::Timeout));
         assert_whole(&frames);
@@ -559,7 +562,7 @@ fn ten_thousand_frames_with_faults_are_whole_or_counted() {
             }
         }
         let spoilt_frames = spoilt.len() as u64;
-        let source = Box::new(|shot: Shot| {
+        let source = Box::new(|shot: FrameRequest| {
             (shot.number < FRAMES).then(|| Arc::from(picture(shot.number, size_of(shot.number, SMALL))))
         });
         let head =

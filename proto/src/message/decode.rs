@@ -8,7 +8,7 @@ use boxline::feasibility::Move;
 use boxline::frames::{Plane, Point};
 use boxline::measurement::FaceMeasurement;
 use boxline::{
-    AngleEstimate, BoxMeasurement, BoxReport, Calibration, CameraModel, Candidate, DepthSeen, Error,
+    AngleEstimate, BoxMeasurement, BoxReport, Calibration, CameraModel, Candidate, DepthEstimate, Error,
     ErrorKind, Estimate, FaceOutcome, Hint, LaserId, Outcome, Px, Reject, SideLight, Straightness,
     SurfacePoint, Volume, Warning, WarningKind,
 };
@@ -77,8 +77,8 @@ fn candidate(message: v1::Candidate) -> Result<Candidate, Error> {
     })
 }
 
-fn depth_seen(message: v1::DepthSeen) -> Result<DepthSeen, Error> {
-    Ok(DepthSeen {
+fn depth_seen(message: v1::DepthSeen) -> Result<DepthEstimate, Error> {
+    Ok(DepthEstimate {
         depth: length(message.depth, "settled.depth")?,
         log_odds: finite(message.log_odds, "settled.log_odds")?,
         stripes: message.stripes as usize,

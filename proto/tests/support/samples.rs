@@ -5,8 +5,8 @@ use boxline::feasibility::{Hint, Move};
 use boxline::frames::{Plane, Point};
 use boxline::measurement::FaceMeasurement;
 use boxline::{
-    AngleEstimate, BoxMeasurement, BoxReport, Candidate, DepthSeen, Estimate, FaceOutcome, LaserId, Outcome,
-    Px, Reject, Straightness, SurfacePoint, Volume, Warning, WarningKind,
+    AngleEstimate, BoxMeasurement, BoxReport, Candidate, DepthEstimate, Estimate, FaceOutcome, LaserId,
+    Outcome, Px, Reject, Straightness, SurfacePoint, Volume, Warning, WarningKind,
 };
 
 pub fn face() -> FaceMeasurement {
@@ -51,7 +51,7 @@ pub fn sides(height_mm: f64) -> BoxMeasurement {
 pub fn report(outcome: Outcome) -> BoxReport {
     let rejected = FaceOutcome::Rejected(Reject::RectangleOpen { sides_found: 3 });
     let warnings = vec![warning(WarningKind::SidesDiffer)];
-    let settled = Some(DepthSeen { depth: Estimate::new(300.5, 2.0), log_odds: 14.5, stripes: 3 });
+    let settled = Some(DepthEstimate { depth: Estimate::new(300.5, 2.0), log_odds: 14.5, stripes: 3 });
     let faces = vec![FaceOutcome::Measured(Box::new(face())), rejected];
     let (confidence, likeliest) = match outcome {
         Outcome::Rejected(_) => (None, vec![Candidate { sides: sides(310.0), confidence: 0.5 }]),

@@ -118,8 +118,8 @@ pub fn capture(args: &CaptureArgs) -> anyhow::Result<Finished> {
     let serial = head::serial(&camera.device)?;
     let same = Selector { serial: Some(camera.device.serial().to_owned()), ..Selector::default() };
     let calibration = calibration(args, &camera.device)?;
-    let agreed = camera.stream.agreed().clone();
-    for reason in agreed.mode.fallback.iter().chain(&agreed.fallback) {
+    let negotiated = camera.stream.negotiated().clone();
+    for reason in negotiated.mode.fallback.iter().chain(&negotiated.fallback) {
         say(&format!("note: {reason}"));
     }
     let bar = ProgressBar::new(u64::from(args.views))
@@ -165,7 +165,7 @@ pub fn capture(args: &CaptureArgs) -> anyhow::Result<Finished> {
     write_json(&calibration_file, &calibration_json(&calibration))?;
     let recording = Recording { folder: folder.clone(), serial: serial.clone(), calibration_file, frames };
     write_json(&folder.join("recording.json"), &recording_json(&recording)?)?;
-    let (mode, streams) = (&agreed.mode, counters.iter().map(counters_json).collect::<Vec<_>>());
+    let (mode, streams) = (&negotiated.mode, counters.iter().map(counters_json).collect::<Vec<_>>());
     let details = json!({
         "format": "boxline-capture/1",
         "serial": serial,

@@ -10,10 +10,10 @@ use boxline_proto::message::encode_calibration;
 #[cfg(feature = "render")]
 use boxline_sim::{
     Split, Stock,
-    recording::{Hold, Kind, Recipe, write_recording},
+    recording::{HeadHold, Kind, Recipe, write_recording},
 };
 use boxline_uvc::descriptor::UvcVersion;
-use boxline_uvc::emulator::{Pipe, Settings, Shot, SoftwareHead, Source, WithoutBus, usbip};
+use boxline_uvc::emulator::{FrameRequest, Pipe, Settings, SoftwareHead, Source, WithoutBus, usbip};
 use boxline_uvc::head::Lasers;
 use boxline_uvc::store;
 use clap::{Args as ClapArgs, ValueEnum};
@@ -107,7 +107,7 @@ fn shown(args: &EmulateArgs) -> anyhow::Result<(Calibration, Source)> {
     #[cfg(feature = "render")]
     if let Some(seed) = args.render {
         let folder = tempfile::tempdir()?; // gone when the frames are read
-        let recipe = Recipe { off: Some(Hold::Hand), ..Recipe::new(seed, Kind::Box) };
+        let recipe = Recipe { off: Some(HeadHold::Hand), ..Recipe::new(seed, Kind::Box) };
         write_recording(folder.path(), &recipe, &Stock::new(Split::Training))?;
         return recorded(folder.path());
     }
@@ -136,7 +136,7 @@ fn source(recording: &Recording) -> anyhow::Result<Source> {
     }
     let mut view = lit.len() - 1;
     let mut were_on = false;
-    Ok(Box::new(move |shot: Shot| {
+    Ok(Box::new(move |shot: FrameRequest| {
         let on = shot.lasers == Lasers::ALL;
         if on && !were_on {
             view = (view + 1) % lit.len();

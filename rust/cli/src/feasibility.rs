@@ -151,7 +151,7 @@ fn all_json(rows: &[Row], calibration: &Calibration) -> Value {
 
 /// Sigma of the length over distance, one curve a face.
 fn picture(rows: &[Row]) -> Result<String, String> {
-    fn told(e: impl std::fmt::Display) -> String {
+    fn plot_error(e: impl std::fmt::Display) -> String {
         e.to_string()
     }
     let all = || rows.iter().flat_map(|r| &r.working_ranges);
@@ -160,32 +160,32 @@ fn picture(rows: &[Row]) -> Result<String, String> {
     let mut svg = String::new();
     {
         let area = SVGBackend::with_string(&mut svg, PICTURE_PX).into_drawing_area();
-        area.fill(&WHITE).map_err(told)?;
+        area.fill(&WHITE).map_err(plot_error)?;
         let mut chart = ChartBuilder::on(&area)
             .margin(12)
             .x_label_area_size(36)
             .y_label_area_size(52)
             .build_cartesian_2d(0.0..far * 1.05, 0.0..most * 1.1)
-            .map_err(told)?;
+            .map_err(plot_error)?;
         chart
             .configure_mesh()
             .light_line_style(WHITE)
             .x_desc("distance, mm")
             .y_desc("standard deviation of the length, mm")
             .draw()
-            .map_err(told)?;
+            .map_err(plot_error)?;
         for (i, row) in rows.iter().filter(|r| !r.working_ranges.is_empty()).enumerate() {
             let colour = crate::calibrate::COLOURS[i % crate::calibrate::COLOURS.len()];
             let points = row.working_ranges.iter().map(|r| (r.distance_mm, r.length.total_mm()));
-            chart.draw_series(LineSeries::new(points, colour.stroke_width(2))).map_err(told)?;
+            chart.draw_series(LineSeries::new(points, colour.stroke_width(2))).map_err(plot_error)?;
             if let Some(last) = row.working_ranges.last() {
                 let name = format!("{:.0} x {:.0}", row.size_mm[0], row.size_mm[1]);
                 let at = (last.distance_mm, last.length.total_mm());
                 let label = Text::new(name, at, ("sans-serif", 11).into_font().color(&colour));
-                chart.draw_series([label]).map_err(told)?;
+                chart.draw_series([label]).map_err(plot_error)?;
             }
         }
-        area.present().map_err(told)?;
+        area.present().map_err(plot_error)?;
     }
     Ok(svg)
 }

@@ -4,7 +4,7 @@ use crate::Finished;
 use crate::args::RenderArgs;
 use crate::input::Usage;
 use anyhow::Context;
-use boxline_sim::recording::{Hold, Recipe, write_recording};
+use boxline_sim::recording::{HeadHold, Recipe, write_recording};
 use boxline_sim::stream::{sample, write_stream};
 use boxline_sim::views::write_views;
 use boxline_sim::{Split, Stock};
@@ -58,7 +58,7 @@ fn recordings(args: &RenderArgs, out: &Path, stock: &Stock) -> anyhow::Result<Fi
     let progress = ProgressBar::new(count).with_style(ProgressStyle::with_template("{bar:30} {pos}/{len}")?);
     for (seed, folder) in &folders {
         let recipe = Recipe {
-            off: args.off.then_some(if args.still { Hold::Still } else { Hold::Hand }),
+            off: args.off.then_some(if args.still { HeadHold::Still } else { HeadHold::Hand }),
             head: args.head.kind(),
             faults: args.faults,
             ..Recipe::new(*seed, kind)

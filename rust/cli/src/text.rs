@@ -2,7 +2,7 @@
 
 use boxline::measurement::FaceMeasurement;
 use boxline::{
-    BoxMeasurement, BoxReport, DepthSeen, Estimate, FaceOutcome, FaceReport, Hint, Outcome, Reject,
+    BoxMeasurement, BoxReport, DepthEstimate, Estimate, FaceOutcome, FaceReport, Hint, Outcome, Reject,
     SideLight, Volume, Warning, WarningKind,
 };
 
@@ -131,7 +131,7 @@ fn what_it_means(kind: WarningKind) -> &'static str {
 }
 
 /// Why it is this box although both frames show sides of the same two lengths.
-fn settled(seen: &DepthSeen) -> String {
+fn settled(seen: &DepthEstimate) -> String {
     format!(
         "Both frames show sides of the same two lengths; {} stripes on the faces beside them end {:.0} ± {:.0} mm behind, which \
          leaves this box.",

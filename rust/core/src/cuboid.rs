@@ -54,13 +54,13 @@ pub(crate) fn arrangements(faces: usize, all_differ: bool) -> Vec<Vec<SidesOfFac
 
 /// Two lengths of one side, of different faces.
 #[derive(Clone, Copy, Debug)]
-struct Shared {
+struct SharedSide {
     first: Estimate,
     second: Estimate,
     sigma_mm: f64,
 }
 
-impl Shared {
+impl SharedSide {
     fn difference_mm(&self) -> f64 {
         self.first.value_mm - self.second.value_mm
     }
@@ -106,13 +106,13 @@ pub(crate) fn as_different_sides(first: LengthOf<'_>, second: LengthOf<'_>) -> f
     compared(first, second).as_different()
 }
 
-fn compared(first: LengthOf<'_>, second: LengthOf<'_>) -> Shared {
+fn compared(first: LengthOf<'_>, second: LengthOf<'_>) -> SharedSide {
     let of = |(face, i): (&FaceMeasurement, usize)| if i == 0 { face.length } else { face.width };
     let [(a, i), (b, j)] = [first, second];
     let own = a.uncertainty.own_mm2[(i, i)] + b.uncertainty.own_mm2[(j, j)];
     let differing = a.uncertainty.shared_mm.row(i) - b.uncertainty.shared_mm.row(j);
     let sigma_mm = (own + differing.norm_squared()).max(1e-12).sqrt();
-    Shared { first: of(first), second: of(second), sigma_mm }
+    SharedSide { first: of(first), second: of(second), sigma_mm }
 }
 
 /// The lengths of all faces, two each, and their covariance.
@@ -139,25 +139,25 @@ impl Lengths {
     }
 
     /// All pairs of lengths that an arrangement takes for one side.
-    fn shared(&self, sides: &[usize]) -> Vec<Shared> {
+    fn shared(&self, sides: &[usize]) -> Vec<SharedSide> {
         let pairs = (0..sides.len()).flat_map(|i| (i + 1..sides.len()).map(move |j| (i, j)));
         pairs.filter(|(i, j)| sides[*i] == sides[*j]).map(|(i, j)| self.compared(i, j)).collect()
     }
 
-    fn compared(&self, i: usize, j: usize) -> Shared {
+    fn compared(&self, i: usize, j: usize) -> SharedSide {
         let c = &self.covariance_mm2;
         let sigma_mm = (c[(i, i)] + c[(j, j)] - 2.0 * c[(i, j)]).max(1e-12).sqrt();
-        Shared { first: self.lengths[i], second: self.lengths[j], sigma_mm }
+        SharedSide { first: self.lengths[i], second: self.lengths[j], sigma_mm }
     }
 
     /// How likely an arrangement is, against others of the same faces: how well lengths of one side agree, and whether sides that it takes
     /// for different ones are equal.
-    fn weight(&self, sides: &[usize], shared: &[Shared]) -> f64 {
+    fn weight(&self, sides: &[usize], shared: &[SharedSide]) -> f64 {
         let first = |side: usize| sides.iter().position(|s| *s == side);
         let different =
             [(0, 1), (0, 2), (1, 2)].into_iter().filter_map(|(p, q)| Some((first(p)?, first(q)?)));
         let different = different.map(|(i, j)| self.compared(i, j).as_different());
-        shared.iter().map(Shared::density).chain(different).product()
+        shared.iter().map(SharedSide::density).chain(different).product()
     }
 
     /// Three sides by least squares, with their covariance.
@@ -199,11 +199,11 @@ impl Lengths {
 
 /// A way to put the faces together: which side each length is, which lengths it takes for one side, how much the worst of these differ, in
 /// units of what is allowed, and how likely it is against the others.
-struct Way {
+struct SideAssignment {
     excess: f64,
     weight: f64,
     sides: Vec<usize>,
-    shared: Vec<Shared>,
+    shared: Vec<SharedSide>,
 }
 
 /// A box that a way makes.
@@ -215,33 +215,33 @@ struct Fit {
 /// Puts two or three faces together, with what was noticed. `choose` settles an A x A x B box: 0 or 1.
 pub(crate) fn assemble(faces: &[&FaceMeasurement], choose: Option<usize>) -> (Outcome, Vec<Warning>) {
     let lengths = Lengths::new(faces);
-    let mut nearest: Option<Shared> = None;
+    let mut nearest: Option<SharedSide> = None;
     for all_differ in [true, false] {
-        let mut ways: Vec<Way> = Vec::new();
+        let mut assignments: Vec<SideAssignment> = Vec::new();
         for arrangement in arrangements(faces.len(), all_differ) {
             let sides = arrangement.concat();
             let shared = lengths.shared(&sides);
             let Some(worst) = shared.iter().copied().max_by(|a, b| a.excess().total_cmp(&b.excess())) else {
                 continue;
             };
-            if all_differ && nearest.is_none_or(|known: Shared| worst.excess() < known.excess()) {
+            if all_differ && nearest.is_none_or(|known: SharedSide| worst.excess() < known.excess()) {
                 nearest = Some(worst);
             }
             let weight = lengths.weight(&sides, &shared);
-            ways.push(Way { excess: worst.excess(), weight, sides, shared });
+            assignments.push(SideAssignment { excess: worst.excess(), weight, sides, shared });
         }
-        if ways.iter().all(|way| way.excess > 1.0) {
+        if assignments.iter().all(|way| way.excess > 1.0) {
             continue; // lengths that agree nowhere make no box
         }
-        let least = LEAST_SHARE * ways.iter().map(|way| way.weight).sum::<f64>();
-        ways.retain(|way| way.excess <= 1.0 || way.weight >= least);
-        ways.sort_by(|a, b| a.excess.total_cmp(&b.excess));
+        let least = LEAST_SHARE * assignments.iter().map(|way| way.weight).sum::<f64>();
+        assignments.retain(|way| way.excess <= 1.0 || way.weight >= least);
+        assignments.sort_by(|a, b| a.excess.total_cmp(&b.excess));
         let mut possible: Vec<Fit> = Vec::with_capacity(2);
-        for Way { sides, shared, .. } in &ways {
+        for SideAssignment { sides, shared, .. } in &assignments {
             let measurement = lengths.measurement(sides);
             // Two ways that give the same box (a cube's) are one.
             if possible.iter().all(|p| !same_box(&p.measurement, &measurement)) {
-                let warnings = shared.iter().filter_map(Shared::warning).collect();
+                let warnings = shared.iter().filter_map(SharedSide::warning).collect();
                 possible.push(Fit { measurement, warnings });
             }
         }
@@ -338,8 +338,8 @@ mod tests {
     /// good as none, but boxes are square at one end more often than their sides differ by 3 mm.
     #[test]
     fn sides_that_nearly_agree_may_be_one() {
-        let told = assembled(&face(129.5, 99.85), &face(132.6, 100.17), None);
-        let Outcome::Ambiguous([one, two]) = told else { panic!("{told:?}") };
+        let outcome = assembled(&face(129.5, 99.85), &face(132.6, 100.17), None);
+        let Outcome::Ambiguous([one, two]) = outcome else { panic!("{outcome:?}") };
         assert!((one.width.value_mm - two.width.value_mm).abs() > 20.0, "{one:?} {two:?}");
         // Ten millimetres are no error of theirs.
         assert!(matches!(assembled(&face(129.5, 99.85), &face(139.5, 100.17), None), Outcome::Measured(_)));

@@ -112,7 +112,7 @@ pub fn side_lines(frame: &Frame, calibration: &Calibration) -> Vec<SideLine> {
             seen: None,
             lit: &lit,
         };
-        let mut told = Vec::new();
+        let mut all = Vec::new();
         for (side, lines) in evidence.settled()?.iter().enumerate() {
             let (from, to) = span_mm(&outline.offsets_mm, side);
             for line in lines {
@@ -122,7 +122,7 @@ pub fn side_lines(frame: &Frame, calibration: &Calibration) -> Vec<SideLine> {
                 };
                 let (middle, outside) = (at(0.0)?, at(outline.mm_per_px)?);
                 let length_px = middle.distance_px(outside).max(f64::MIN_POSITIVE);
-                told.push(SideLine {
+                all.push(SideLine {
                     side,
                     middle,
                     outwards: [(outside.u - middle.u) / length_px, (outside.v - middle.v) / length_px],
@@ -132,7 +132,7 @@ pub fn side_lines(frame: &Frame, calibration: &Calibration) -> Vec<SideLine> {
                 });
             }
         }
-        Some(told)
+        Some(all)
     };
     found().unwrap_or_default()
 }

@@ -85,7 +85,7 @@ pub use error::{Error, ErrorKind};
 pub use feasibility::Hint;
 pub use image::Frame;
 pub use measurement::{
-    BoxMeasurement, Candidate, DepthSeen, EdgeMethod, FaceMeasurement, FaceOutcome, Method, Outcome,
+    BoxMeasurement, Candidate, DepthEstimate, EdgeMethod, FaceMeasurement, FaceOutcome, Method, Outcome,
     Settings, SideLight, StageTimes, Straightness, SurfacePoint, Workers,
 };
 pub use network::{Channel, EdgeMap, EdgeMapNetwork, FaceMaps, Network};

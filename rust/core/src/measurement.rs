@@ -278,7 +278,7 @@ pub struct Candidate {
 
 /// How far the box was seen to reach behind both faces: what settled an A x A x B box.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct DepthSeen {
+pub struct DepthEstimate {
     /// Behind the faces; only good to tell two depths from each other.
     pub depth: Estimate,
     /// Natural logarithm of the odds against the other box, of all stripes together.

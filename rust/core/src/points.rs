@@ -11,7 +11,7 @@ use crate::face::plane_fit::{StripeObservation, fit_plane};
 use crate::face::raster::{OnPlane, PlaneRaster};
 use crate::frames::Plane;
 use crate::measurement::{FaceMeasurement, Outcome, Settings};
-use crate::rectangle::Observed;
+use crate::rectangle::FaceObservations;
 use crate::rectangle::rounding::EdgeProfile;
 use crate::rectangle::sharp_edge::{combine, from_shading, middle, outwards};
 use crate::units::{LaserId, Px};
@@ -19,24 +19,24 @@ use crate::warning::Warning;
 use nalgebra::Vector3;
 
 /// A point in the image and its standard deviation across its stripe or side, px.
-pub type SeenPoint = (Px, f64);
+pub type PointWithSigma = (Px, f64);
 
 /// What is seen of one side of a face.
 #[derive(Clone, Debug, Default)]
-pub struct SeenSide {
+pub struct SidePoints {
     /// Points of the edge in the image.
-    pub points: Vec<SeenPoint>,
+    pub points: Vec<PointWithSigma>,
     /// Stripe points on the surface beyond, at a right angle through the sharp edge ...
     pub beyond: Vec<(LaserId, Px)>,
     /// ... and the standard deviation of the place that they tell, mm.
     pub beyond_sigma_mm: f64,
     /// Brightness across the side, if it is seen.
-    pub profile: Option<SeenProfile>,
+    pub profile: Option<BrightnessProfile>,
 }
 
 /// Brightness across a side in linear light, one sample a px outwards.
 #[derive(Clone, Debug, Default)]
-pub struct SeenProfile {
+pub struct BrightnessProfile {
     /// The first sample lies so far inside the strongest gradient.
     pub inside_px: usize,
     /// Brightness and its standard deviation.
@@ -48,8 +48,8 @@ pub struct SeenProfile {
 #[must_use]
 pub fn measure_points(
     calibration: &Calibration,
-    stripes: &[Vec<SeenPoint>; 4],
-    sides: &[SeenSide; 4],
+    stripes: &[Vec<PointWithSigma>; 4],
+    sides: &[SidePoints; 4],
     settings: &Settings,
 ) -> Option<FaceMeasurement> {
     let observation = |laser: LaserId| {
@@ -85,7 +85,7 @@ pub fn measure_points(
     let offsets_mm = [0, 1, 2, 3].map(|side| SIDES[side].0.offset(middles[order[side]]));
     let mm_per_px = raster.mm_per_px(calibration, OnPlane::zeros())?;
     let rough = RoughRectangle::new(raster, offsets_mm, mm_per_px);
-    let observed = Observed { calibration, stripes: &stripes, edges: &edges };
+    let observed = FaceObservations { calibration, stripes: &stripes, edges: &edges };
     let fitted = observed.fit(&rough, settings)?;
     let profiles = order.map(|i| {
         let profile = sides[i].profile.as_ref()?;

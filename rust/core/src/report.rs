@@ -1,7 +1,7 @@
 //! What a call gives: the outcome with everything that led to it.
 
 use crate::feasibility::Hint;
-use crate::measurement::{BoxMeasurement, Candidate, DepthSeen, FaceOutcome, Outcome, StageTimes};
+use crate::measurement::{BoxMeasurement, Candidate, DepthEstimate, FaceOutcome, Outcome, StageTimes};
 use crate::reject::Reject;
 use crate::units::{Estimate, Volume};
 use crate::warning::Warning;
@@ -27,7 +27,7 @@ pub struct BoxReport {
     /// Checks between the faces that failed; those of a face stand with it.
     pub warnings: Vec<Warning>,
     /// What told an A x A x B box from A x B x B, if that was needed and seen.
-    pub settled: Option<DepthSeen>,
+    pub settled: Option<DepthEstimate>,
     /// Probability that every side of a measured or ambiguous box is within 5 mm ([`crate::confidence`]). `None` on the paper's map.
     pub confidence: Option<f64>,
     /// Of a refused box the two likeliest, fewer if the faces that the frames may show make fewer. None is likely enough to be a result.

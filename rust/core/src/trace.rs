@@ -24,16 +24,16 @@ pub enum Stage<'a> {
         /// Where it was searched.
         response: LaserResponse<'a>,
         /// The planes, strongest first, perhaps none. They are tried in this order until one can be measured.
-        planes: &'a [GridSeen],
+        planes: &'a [TracedPlane],
     },
     /// The stripes were followed on one of the planes: each try of a plane begins with this.
-    Stripes(&'a [StripeSeen; 4]),
+    Stripes(&'a [TracedStripe; 4]),
     /// The lines that a side of the face may be, and the outlines that they make.
     Outlines {
         /// Of all four sides: lines of the picture, weighed.
-        lines: &'a [LineSeen],
+        lines: &'a [TracedLine],
         /// Likeliest first. Each is measured, for which its lines are found exactly.
-        outlines: &'a [OutlineSeen],
+        outlines: &'a [TracedOutline],
     },
 }
 
@@ -60,7 +60,7 @@ impl<'a> LaserResponse<'a> {
 
 /// The grid of four stripes on one plane.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct GridSeen {
+pub struct TracedPlane {
     /// Each stripe from one of its crossings to the other.
     pub segments_px: [[Px; 2]; 4],
     /// Mean ridge strength of each segment, sigmas.
@@ -69,7 +69,7 @@ pub struct GridSeen {
 
 /// One stripe on a face's plane.
 #[derive(Clone, Debug, PartialEq)]
-pub struct StripeSeen {
+pub struct TracedStripe {
     /// Centres that lie on the plane.
     pub on_plane_px: Vec<Px>,
     /// Centres found beyond its two ends: light on other surfaces, or print.
@@ -80,7 +80,7 @@ pub struct StripeSeen {
 
 /// A line that may be a side of the face.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LineSeen {
+pub struct TracedLine {
     /// Its ends.
     pub ends_px: [Px; 2],
     /// Its share of what speaks for all lines of this side, 0 to 1.
@@ -89,7 +89,7 @@ pub struct LineSeen {
 
 /// An outline of the face, to some px.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct OutlineSeen {
+pub struct TracedOutline {
     /// Its corners, going round.
     pub corners_px: [Px; 4],
     /// Probability that all four of its sides are right.

@@ -19,16 +19,16 @@ pub struct FaceView {
 }
 
 /// A face turned by 180 degrees, or mirrored so that its rows are its columns, is a face: the network is asked in all four ways. Their
-/// errors are not the same, so that together they err less ([`SideOdds::of_ways`]).
+/// errors are not the same, so that together they err less ([`SideOdds::of_orientations`]).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Way {
+pub struct Orientation {
     /// Rows and columns the other way round.
     pub reversed: bool,
     /// Rows are columns, after that.
     pub transposed: bool,
 }
 
-impl Way {
+impl Orientation {
     /// All four; the first is the view as it is.
     pub const ALL: [Self; 4] = [
         Self { reversed: false, transposed: false },
@@ -47,19 +47,19 @@ impl Way {
 impl FaceView {
     /// The view in another way; stripes 1 and 2 are then stripes 3 and 4 if it is transposed.
     #[must_use]
-    pub fn turned(&self, way: Way) -> Self {
+    pub fn turned(&self, orientation: Orientation) -> Self {
         let plane = CELLS * CELLS;
         let mut values = Vec::with_capacity(self.values.len());
         for channel in 0..VIEW[0] {
             let from = match channel {
-                3 | 4 if way.transposed => 7 - channel,
+                3 | 4 if orientation.transposed => 7 - channel,
                 _ => channel,
             };
             let cells = &self.values[from * plane..(from + 1) * plane];
             let at = |row: usize, column: usize| {
-                let (row, column) = if way.transposed { (column, row) } else { (row, column) };
+                let (row, column) = if orientation.transposed { (column, row) } else { (row, column) };
                 let index = row * CELLS + column;
-                cells[if way.reversed { plane - 1 - index } else { index }]
+                cells[if orientation.reversed { plane - 1 - index } else { index }]
             };
             values.extend((0..plane).map(|index| at(index / CELLS, index % CELLS)));
         }
@@ -109,7 +109,7 @@ impl SideOdds {
 
     /// Of one view asked in several ways, turned back: the geometric means of probabilities and of odds. `None` without any.
     #[must_use]
-    pub fn of_ways(told: &[(Way, Self)]) -> Option<Self> {
+    pub fn of_orientations(told: &[(Orientation, Self)]) -> Option<Self> {
         if told.is_empty() {
             return None;
         }
@@ -117,7 +117,7 @@ impl SideOdds {
         // Far from one, so that no way can rule a place out alone.
         let log = |p: f64| share * p.max(1e-9).ln();
         let side = |side: usize| {
-            let all = told.iter().map(|(way, odds)| &odds.sides[way.side(side)]);
+            let all = told.iter().map(|(orientation, odds)| &odds.sides[orientation.side(side)]);
             let mean = |of: &dyn Fn(&Side) -> f64| all.clone().map(|s| log(of(s))).sum::<f64>().exp();
             let mut places: Vec<f64> = (0..BINS).map(|bin| mean(&|s| s.places[bin])).collect();
             let total = places.iter().sum::<f64>() + mean(&|s| 1.0 - s.places.iter().sum::<f64>());
@@ -209,22 +209,25 @@ mod tests {
             view.values[high[0] * CELLS + high[1]] = value + 10.0;
         }
         view.values[3 * CELLS * CELLS + 7] = 1.0;
-        let told = Way::ALL.map(|way| (way, told_by_borders(&view.turned(way))));
-        let all = SideOdds::of_ways(&told).expect("four ways");
+        let told =
+            Orientation::ALL.map(|orientation| (orientation, told_by_borders(&view.turned(orientation))));
+        let all = SideOdds::of_orientations(&told).expect("four orientations");
         for (side, place) in [10, 20, 30, 40].into_iter().enumerate() {
             assert!(all.sides[side].places[place] > 0.9, "{side}");
             let (one, together) = (told[0].1.hidden(side), all.hidden(side));
             assert!((one - together).abs() < 1e-6, "{one} {together}");
         }
-        for way in Way::ALL {
+        for orientation in Orientation::ALL {
             // Twice the same way is the view again, and what only stripes 1 and 2 have is theirs.
-            assert_eq!(view.turned(way).turned(way), view);
+            assert_eq!(view.turned(orientation).turned(orientation), view);
             let of_pair = |pair: usize| {
-                view.turned(way).values[(3 + pair) * CELLS * CELLS..][..CELLS * CELLS].iter().sum::<f32>()
+                view.turned(orientation).values[(3 + pair) * CELLS * CELLS..][..CELLS * CELLS]
+                    .iter()
+                    .sum::<f32>()
             };
-            assert_eq!(of_pair(usize::from(way.transposed)), 1.0);
+            assert_eq!(of_pair(usize::from(orientation.transposed)), 1.0);
         }
-        assert_eq!(SideOdds::of_ways(&[]), None);
+        assert_eq!(SideOdds::of_orientations(&[]), None);
     }
 
     #[test]

@@ -18,7 +18,7 @@ pub use engine::{Engine, Options, Runtime};
 
 use boxline::image::small::Downscaler;
 use boxline::network::{CHANNELS, EdgeMapNetwork, FaceMaps, LineStrip, Network, STRIP};
-use boxline::view::{FaceView, SideOdds, VIEW, Way};
+use boxline::view::{FaceView, Orientation, SideOdds, VIEW};
 use boxline::{Error, ErrorKind, Frame};
 use rayon::prelude::*;
 use std::num::NonZeroUsize;
@@ -157,12 +157,12 @@ impl EdgeNet {
     ///
     /// # Errors
     /// The view has another size, or the runtime fails.
-    pub fn sides_seen(&self, view: &FaceView, way: Way) -> Result<SideOdds, Error> {
+    pub fn sides_seen(&self, view: &FaceView, orientation: Orientation) -> Result<SideOdds, Error> {
         const OTHER_VIEW: &str = "sides wants another view";
         if view.values.len() != VIEW.iter().product::<usize>() {
             return Err(bad_network(OTHER_VIEW));
         }
-        let logits = told(&self.sides, &view.turned(way).values, OTHER_VIEW)?;
+        let logits = told(&self.sides, &view.turned(orientation).values, OTHER_VIEW)?;
         let broken = || bad_network("sides gives no probabilities; its weights are broken");
         SideOdds::from_logits(&logits).ok_or_else(broken)
     }
@@ -182,15 +182,17 @@ impl Network for EdgeNet {
     }
 
     fn sides(&self, view: &FaceView) -> Result<Option<SideOdds>, Error> {
-        let ask = |way: &Way| self.sides_seen(view, *way).map(|odds| (*way, odds));
-        let ways = Way::ALL.as_slice();
+        let ask =
+            |orientation: &Orientation| self.sides_seen(view, *orientation).map(|odds| (*orientation, odds));
+        let orientations = Orientation::ALL.as_slice();
         let told = if self.at_a_time > 1 {
-            let ways = ways.par_iter().with_min_len(ways.len().div_ceil(self.at_a_time));
-            ways.map(ask).collect::<Result<Vec<_>, _>>()?
+            let orientations =
+                orientations.par_iter().with_min_len(orientations.len().div_ceil(self.at_a_time));
+            orientations.map(ask).collect::<Result<Vec<_>, _>>()?
         } else {
-            ways.iter().map(ask).collect::<Result<Vec<_>, _>>()?
+            orientations.iter().map(ask).collect::<Result<Vec<_>, _>>()?
         };
-        Ok(SideOdds::of_ways(&told))
+        Ok(SideOdds::of_orientations(&told))
     }
 
     fn line_log_odds(&self, strip: &LineStrip) -> Result<f32, Error> {

@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used)] // the helpers of tests are tests
 
 use boxline::network::{LineStrip, Network, STRIP, StripeLight};
-use boxline::view::{BINS, FaceView, SideOdds, VIEW, Way};
+use boxline::view::{BINS, FaceView, Orientation, SideOdds, VIEW};
 use boxline::{ErrorKind, Px};
 use boxline_edgenet::{EdgeNet, Options, Runtime};
 use std::io::Write;
@@ -64,7 +64,7 @@ fn view() -> FaceView {
 fn gives_what_torch_gave(network: &EdgeNet) {
     let logits: Vec<f32> = stored("sides.check.json").into_iter().map(|v| v as f32).collect();
     let due = SideOdds::from_logits(&logits).unwrap();
-    let told = network.sides_seen(&view(), Way::ALL[0]).unwrap();
+    let told = network.sides_seen(&view(), Orientation::ALL[0]).unwrap();
     for side in 0..4 {
         assert!((told.hidden(side) - due.hidden(side)).abs() < SAME, "side {side}");
         for bin in 0..BINS {

@@ -10,7 +10,7 @@ mod usbfs;
 
 use boxline_proto::json::{Laser, read_calibration, read_recording};
 use boxline_proto::message::encode_calibration;
-use boxline_uvc::emulator::{Settings, Shot, SoftwareHead, WithoutBus};
+use boxline_uvc::emulator::{FrameRequest, Settings, SoftwareHead, WithoutBus};
 use boxline_uvc::head::Lasers;
 use boxline_uvc::store;
 use std::ffi::{c_int, c_void};
@@ -44,7 +44,7 @@ pub extern "C" fn Java_dev_boxline_testing_FakeHead_plug(
         chosen.map(|frame| Arc::from(std::fs::read(&frame.file).unwrap())).collect::<Vec<Arc<[u8]>>>()
     };
     let (lit, dark) = (read(Laser::On), read(Laser::Off));
-    let source = move |shot: Shot| {
+    let source = move |shot: FrameRequest| {
         // A sensor's pace; the bus inside this process has none.
         std::thread::sleep(Duration::from_millis(30));
         let view = usize::try_from(VIEW.load(Ordering::SeqCst)).ok();

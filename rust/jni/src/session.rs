@@ -117,7 +117,7 @@ impl Head {
         *lock(&self.shared.latest) = Latest::default();
         *lock(&self.shared.steadiness) = Steadiness::default();
         let stream = self.device.start(&StreamSettings { waiting_frames: 1 })?;
-        for reason in stream.agreed().mode.fallback.iter().chain(&stream.agreed().fallback) {
+        for reason in stream.negotiated().mode.fallback.iter().chain(&stream.negotiated().fallback) {
             log::warn!("head {}: {reason}", self.serial);
         }
         self.device.set_lasers(Lasers::ALL)?;

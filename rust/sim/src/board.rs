@@ -3,14 +3,14 @@
 
 use crate::error::Error;
 use crate::head::Head;
-use crate::material::{Art, Decal, Look, Pattern, Surface};
+use crate::material::{Appearance, Art, Decal, Pattern, Surface};
 use crate::pose::{FacePose, inside, px_of};
 use crate::recording::{Detail, Exposure, expose_full_frame, jpeg};
 use crate::rng::Rng;
 use crate::shape::Shape;
 use crate::stock::Stock;
 use crate::vec3::v3;
-use crate::world::compose::Words;
+use crate::world::compose::TruthWords;
 use crate::world::light::{Lamp, lighting};
 use crate::world::{Body, Role, Scene, View};
 use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -181,7 +181,7 @@ fn scene(rng: &mut Rng, head: &Head, pose: &FacePose, faults: &Faults) -> Scene 
         strength: 0.3,
         offset: [rng.range_f32(0.0, 500.0), rng.range_f32(0.0, 500.0)],
     };
-    let mut look = Look::bare(surface, 0.03);
+    let mut look = Appearance::bare(surface, 0.03);
     look.decals = centres(faults.stretch)
         .map(|at| Decal {
             kind: "circle",
@@ -218,7 +218,7 @@ fn scene(rng: &mut Rng, head: &Head, pose: &FacePose, faults: &Faults) -> Scene 
         beams: head.beams,
         refuse: None,
         hidden: None,
-        words: Words { base: "none", stand: "none", neighbours: Vec::new() },
+        words: TruthWords { base: "none", stand: "none", neighbours: Vec::new() },
         hazards: BTreeSet::new(),
     }
 }

@@ -131,7 +131,7 @@ impl Light {
 }
 
 /// A place on a surface as the camera sees it.
-struct Seen {
+struct VisiblePoint {
     px: Px,
     ray: V3,
     solid: usize,
@@ -139,16 +139,16 @@ struct Seen {
 }
 
 /// The scene before the camera.
-struct Eye<'a> {
+struct SceneView<'a> {
     head: &'a Head,
     stage: Stage<'a>,
     /// The same as light from the camera would find it.
     sight: Light,
 }
 
-impl Eye<'_> {
+impl SceneView<'_> {
     /// A point on a body, if it is in the picture and nothing is before it.
-    fn sees(&self, body: usize, at: Vector3<f64>) -> Option<Seen> {
+    fn sees(&self, body: usize, at: Vector3<f64>) -> Option<VisiblePoint> {
         let px = px_of(self.head, &at).filter(|px| at.z > 1.0 && inside(*px, 0.0))?;
         let raster = &self.stage.raster;
         let [column, row] = raster.from_px(px).map(|x| x.round().max(0.0) as usize);
@@ -156,10 +156,10 @@ impl Eye<'_> {
         let (solid, hit) = self.stage.cast(ray, column.min(raster.width - 1), row.min(raster.height - 1))?;
         // Small roundings are left out in the stage: some mm of slack.
         let near = (f64::from(hit.depth) - at.z).abs() < 1.0 + 0.003 * at.z;
-        (self.stage.body[solid] == body && near).then_some(Seen { px, ray, solid, hit })
+        (self.stage.body[solid] == body && near).then_some(VisiblePoint { px, ray, solid, hit })
     }
 
-    fn stands_out(&self, laser: usize, seen: &Seen) -> bool {
+    fn stands_out(&self, laser: usize, seen: &VisiblePoint) -> bool {
         self.stage.contrast(laser, seen.solid, &seen.hit, seen.ray) >= DARK_SIGMAS
     }
 }
@@ -197,7 +197,7 @@ struct Sample {
     up_mm: f64,
     along_px: f64,
     off_px: f64,
-    seen: Seen,
+    seen: VisiblePoint,
 }
 
 /// Neighbouring samples on one face of one body.
@@ -239,7 +239,7 @@ impl Piece {
     }
 
     /// Where its brightness is judged: some pixels from its beginning.
-    fn probe(&self) -> &Seen {
+    fn probe(&self) -> &VisiblePoint {
         let start = self.first().seen.px;
         let far = |s: &&Sample| (s.seen.px.u - start.u).hypot(s.seen.px.v - start.v) > 4.0;
         &self.samples.iter().find(far).unwrap_or_else(|| self.last()).seen
@@ -310,7 +310,7 @@ pub fn stripe_ends(head: &Head, scene: &Scene, view: &View, photos: &Photos) -> 
     // A quarter of the sensor's resolution: what it is needed for is brightness next to a stripe.
     let raster = Raster::covering(SENSOR_PX, SENSOR_PX[0] as usize / 4, SENSOR_PX[1] as usize / 4);
     let stage = Stage::new(scene, view, head, raster, photos, Options::default());
-    let eye = Eye { head, stage, sight: Light::new(scene, view, Vector3::zeros()) };
+    let eye = SceneView { head, stage, sight: Light::new(scene, view, Vector3::zeros()) };
     let mut found = Vec::new();
     for laser in 0..4 {
         let Some(ends) = stripe_on_face(head, &face, laser) else { continue };
@@ -346,7 +346,7 @@ pub fn stripe_ends(head: &Head, scene: &Scene, view: &View, photos: &Photos) -> 
 
 /// Class, height of the next surface, and whether light goes on in the plane. `reach` is the stripe's length across the side, mm.
 fn judge(
-    eye: &Eye<'_>,
+    eye: &SceneView<'_>,
     light: &Light,
     scene: &Scene,
     view: &View,
@@ -403,7 +403,7 @@ fn judge(
 
 /// What the laser lights beyond the side and the camera sees, in the order of the laser's rays. `own` is the face itself, which may
 /// reach a little beyond its sharp edge.
-fn beyond(eye: &Eye<'_>, light: &Light, own: (usize, usize), section: &Section) -> Vec<Piece> {
+fn beyond(eye: &SceneView<'_>, light: &Light, own: (usize, usize), section: &Section) -> Vec<Piece> {
     let mut pieces: Vec<Piece> = Vec::new();
     let (mut out_mm, mut unbroken) = (0.05, false);
     while out_mm < REACH_MM {
@@ -433,7 +433,7 @@ fn beyond(eye: &Eye<'_>, light: &Light, own: (usize, usize), section: &Section) 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::material::Look;
+    use crate::material::Appearance;
     use crate::pose::grid_centre;
     use crate::pose::turned;
     use crate::rivals::false_lines;
@@ -449,7 +449,7 @@ mod tests {
     const LEFT: usize = 3;
 
     fn body(foot: [f64; 3], size: [f64; 3], role: Role) -> Body {
-        let look = Look::bare(paint(&mut Rng::new(1, 1), [170, 140, 100]), 0.02);
+        let look = Appearance::bare(paint(&mut Rng::new(1, 1), [170, 140, 100]), 0.02);
         Body::upright(foot.into(), size.into(), 0.0, look, role)
     }
 

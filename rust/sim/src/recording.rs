@@ -38,7 +38,7 @@ pub enum Kind {
 
 /// How the head is held from the lit picture to the unlit one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Hold {
+pub enum HeadHold {
     /// By a hand, which moves.
     Hand,
     /// On a stand, which does not.
@@ -85,7 +85,7 @@ pub struct Recipe {
     /// Which frames.
     pub kind: Kind,
     /// Adds the frames with the lasers off, held so.
-    pub off: Option<Hold>,
+    pub off: Option<HeadHold>,
     /// Which head.
     pub head: HeadKind,
     /// What is wrong with a board and the head that sees it.
@@ -247,8 +247,8 @@ pub fn render_recording(
         };
         let frame_seed = crate::rng::mix(seed) ^ n as u64;
         let motion = off.map(|hold| match hold {
-            Hold::Hand => Motion::of_hand(&mut Rng::new(frame_seed, 0x7E30)),
-            Hold::Still => Motion::still(),
+            HeadHold::Hand => Motion::of_hand(&mut Rng::new(frame_seed, 0x7E30)),
+            HeadHold::Still => Motion::still(),
         });
         let mut shots = vec![(id.clone(), "on", *view)];
         shots.extend(motion.map(|m| (format!("{id}_off"), "off", m.moved(view))));

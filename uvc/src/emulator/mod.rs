@@ -64,7 +64,7 @@ impl Default for Settings {
 
 /// What the sensor is asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Shot {
+pub struct FrameRequest {
     /// Counts frames; wraps.
     pub sequence: u16,
     /// Frames since power-up.
@@ -103,7 +103,7 @@ pub enum Fault {
 }
 
 /// Where pictures come from; `None`: no more.
-pub type Source = Box<dyn FnMut(Shot) -> Option<Arc<[u8]>> + Send>;
+pub type Source = Box<dyn FnMut(FrameRequest) -> Option<Arc<[u8]>> + Send>;
 /// Which frames are spoilt, by their number.
 pub type Faults = Box<dyn FnMut(u64) -> Option<Fault> + Send>;
 
@@ -136,7 +136,7 @@ pub struct Stall;
 
 /// What an IN transfer on the stream's pipe gets.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Answer {
+pub enum InReply {
     /// Bytes; fewer than asked for end the transfer.
     Data(Vec<u8>),
     /// Nothing yet.
@@ -456,21 +456,21 @@ impl SoftwareHead {
     }
 
     /// Bytes for a bulk transfer of `length`.
-    pub fn bulk_in(&mut self, length: usize, now: Duration) -> Answer {
+    pub fn bulk_in(&mut self, length: usize, now: Duration) -> InReply {
         if !self.streaming || self.settings.pipe != Pipe::Bulk {
-            return Answer::Wait;
+            return InReply::Wait;
         }
         let room = self.settings.max_payload_bytes as usize;
         let mut bytes = Vec::with_capacity(length);
         while bytes.len() < length {
             if self.payload_sent == self.payload.len() {
                 if std::mem::take(&mut self.owes_short_packet) {
-                    return Answer::Data(bytes); // a packet of no bytes, or a transfer that is short anyway
+                    return InReply::Data(bytes); // a packet of no bytes, or a transfer that is short anyway
                 }
                 match self.next_payload(room, now) {
                     Some(payload) => self.payload = payload,
-                    None if bytes.is_empty() => return Answer::Wait,
-                    None => return Answer::Data(bytes),
+                    None if bytes.is_empty() => return InReply::Wait,
+                    None => return InReply::Data(bytes),
                 }
                 self.payload_sent = 0;
                 self.owes_short_packet = self.payload.len() < room;
@@ -484,7 +484,7 @@ impl SoftwareHead {
             }
         }
         self.lasers_until = now + LASER_HOLD;
-        Answer::Data(bytes)
+        InReply::Data(bytes)
     }
 
     /// The packet of one microframe, at most `length` bytes; empty if there is nothing to send.
@@ -514,7 +514,7 @@ impl SoftwareHead {
             self.next_frame_at = now; // the host was too slow: frames are left out, not saved up
         }
         loop {
-            let shot = Shot {
+            let shot = FrameRequest {
                 sequence: (self.frames & 0xFFFF) as u16,
                 number: self.frames,
                 lasers: self.lasers(now),

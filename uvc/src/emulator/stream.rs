@@ -1,13 +1,13 @@
 //! The stream of the software head: frames cut into payloads with header and tag, spoilt where a fault is asked for.
 
-use super::{Fault, Shot};
+use super::{Fault, FrameRequest};
 use crate::payload::{FrameTag, PayloadHeader};
 use std::sync::Arc;
 
 /// A frame that is being sent.
 pub(super) struct Sending {
     jpeg: Arc<[u8]>,
-    shot: Shot,
+    shot: FrameRequest,
     frame_id: bool,
     tagged: bool,
     fault: Option<Fault>,
@@ -23,7 +23,7 @@ pub(super) struct Sending {
 impl Sending {
     pub fn new(
         jpeg: Arc<[u8]>,
-        shot: Shot,
+        shot: FrameRequest,
         frame_id: bool,
         tagged: bool,
         clock: u32,

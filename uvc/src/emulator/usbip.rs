@@ -4,7 +4,7 @@
 //! A block that was unlinked is never answered, and one that was answered is not unlinked: both happen under one lock, since Linux drops
 //! the whole device otherwise.
 
-use super::{Answer, Setup, SoftwareHead, descriptors};
+use super::{InReply, Setup, SoftwareHead, descriptors};
 use std::collections::VecDeque;
 use std::io::{self, Read, Write};
 use std::net::TcpListener;
@@ -180,7 +180,7 @@ impl State {
         let Some(block) = self.pending.front() else { return Ok(false) };
         let now = self.since.elapsed();
         if block.packets.is_empty() {
-            let Answer::Data(bytes) = self.head.bulk_in(block.length, now) else { return Ok(false) };
+            let InReply::Data(bytes) = self.head.bulk_in(block.length, now) else { return Ok(false) };
             let sequence = block.sequence;
             self.pending.pop_front();
             self.reply(RET_SUBMIT, sequence, 0, &[bytes.len(), 0], &bytes)?;
@@ -264,19 +264,23 @@ fn free_port(controller: &Path) -> io::Result<u32> {
 }
 
 /// Offers a head to `usbip list` and `usbip attach`, one host after the other, for ever.
-pub fn listen(listener: &TcpListener, mut head: SoftwareHead, mut told: impl FnMut(&str)) -> io::Result<()> {
+pub fn listen(
+    listener: &TcpListener,
+    mut head: SoftwareHead,
+    mut report: impl FnMut(&str),
+) -> io::Result<()> {
     loop {
         let (mut stream, peer) = listener.accept()?;
         stream.set_nodelay(true)?;
         match import(&mut stream, &head) {
             Ok(true) => {
-                told(&format!("attached by {peer}"));
+                report(&format!("attached by {peer}"));
                 let (back, result) = serve(stream.try_clone()?, stream, head);
                 head = back;
-                told(&result.map_or_else(|e| format!("detached: {e}"), |()| "detached".into()));
+                report(&result.map_or_else(|e| format!("detached: {e}"), |()| "detached".into()));
             }
             Ok(false) => {}
-            Err(e) => told(&format!("{peer}: {e}")),
+            Err(e) => report(&format!("{peer}: {e}")),
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Pictures for the software head: not decodable, but each different, so that a mixed-up frame is seen.
 #![allow(dead_code)] // each test program uses its part
 
-use boxline_uvc::emulator::{Fault, Shot, Source};
+use boxline_uvc::emulator::{Fault, FrameRequest, Source};
 use std::sync::Arc;
 
 /// SOI, bytes that depend on the number and hold no marker, EOI.
@@ -20,7 +20,7 @@ pub fn size_of(number: u64, most: usize) -> usize {
 
 /// `count` pictures of up to `most` bytes.
 pub fn pictures(count: u64, most: usize) -> Source {
-    Box::new(move |shot: Shot| {
+    Box::new(move |shot: FrameRequest| {
         (shot.number < count).then(|| Arc::from(picture(shot.number, size_of(shot.number, most))))
     })
 }

@@ -3,7 +3,7 @@
 
 mod sys;
 
-use boxline_uvc::emulator::{Answer, Setup, SoftwareHead};
+use boxline_uvc::emulator::{InReply, Setup, SoftwareHead};
 use std::collections::{BTreeSet, VecDeque};
 use std::ffi::c_int;
 use std::io::{Read, Write};
@@ -337,7 +337,7 @@ impl State {
             return true;
         }
         let buffer = urb.buffer();
-        let Answer::Data(bytes) = self.head.bulk_in(buffer.len(), now) else { return false };
+        let InReply::Data(bytes) = self.head.bulk_in(buffer.len(), now) else { return false };
         let fault = self.next_fault();
         match fault {
             Some(UrbFault::Hang) => return false,

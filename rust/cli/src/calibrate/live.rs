@@ -68,7 +68,7 @@ impl Pictures for HeadPictures {
 }
 
 /// What is seen of one frame.
-pub struct Look {
+pub struct LiveFrame {
     /// Circles, where they are, how the board stands, and what becomes of the frame.
     pub text: String,
     /// Where circles are now, if the board was found.
@@ -78,7 +78,7 @@ pub struct Look {
 }
 
 /// Frames that are taken until nothing is missing.
-pub struct Taking<'a> {
+pub struct LiveCapture<'a> {
     pub session: Session,
     board: &'a Board,
     folder: &'a Path,
@@ -86,7 +86,7 @@ pub struct Taking<'a> {
     most: Option<usize>,
 }
 
-impl<'a> Taking<'a> {
+impl<'a> LiveCapture<'a> {
     /// Those that are in the folder count.
     pub fn new(board: &'a Board, folder: &'a Path, most: Option<usize>) -> anyhow::Result<Self> {
         let mut session = Session::new(*board);
@@ -111,7 +111,7 @@ impl<'a> Taking<'a> {
         &mut self,
         pictures: &mut impl Pictures,
         stop: &AtomicBool,
-        mut tell: impl FnMut(&Look, &Session),
+        mut tell: impl FnMut(&LiveFrame, &Session),
     ) -> anyhow::Result<()> {
         let mut before = None;
         while !self.enough() && !stop.load(Ordering::Relaxed) {
@@ -126,8 +126,12 @@ impl<'a> Taking<'a> {
         Ok(())
     }
 
-    fn look(&mut self, jpeg: &[u8], before: Option<&BoardView>) -> anyhow::Result<(Look, Option<BoardView>)> {
-        let nothing = |text: String| Ok((Look { text, circles: Vec::new(), kept: None }, None));
+    fn look(
+        &mut self,
+        jpeg: &[u8],
+        before: Option<&BoardView>,
+    ) -> anyhow::Result<(LiveFrame, Option<BoardView>)> {
+        let nothing = |text: String| Ok((LiveFrame { text, circles: Vec::new(), kept: None }, None));
         let frame = match Frame::from_jpeg(jpeg) {
             Ok(frame) => frame,
             Err(why) => return nothing(why.to_string()),
@@ -143,7 +147,7 @@ impl<'a> Taking<'a> {
         if kept.is_some() {
             self.session.take(view.clone());
         }
-        Ok((Look { text, circles, kept }, Some(view)))
+        Ok((LiveFrame { text, circles, kept }, Some(view)))
     }
 
     /// Writes a picture under the next free number; it appears whole or not at all.
@@ -204,7 +208,7 @@ pub fn missing_text(session: &Session) -> String {
 }
 
 /// The picture in characters: where circles are now (`O`), and where there were some in frames that were taken (`+`).
-fn map(look: &Look, session: &Session) -> String {
+fn map(look: &LiveFrame, session: &Session) -> String {
     let [columns, rows] = MAP;
     let Some([width, height]) = session.image_px() else { return String::new() };
     let mut cells = vec![b'.'; columns * rows];
@@ -219,7 +223,7 @@ fn map(look: &Look, session: &Session) -> String {
 }
 
 /// The folder where frames are, and the head's serial number.
-pub struct Taken {
+pub struct CapturedFolder {
     pub folder: PathBuf,
     pub serial: String,
     /// Gone with this, if frames are not to be kept.
@@ -228,7 +232,7 @@ pub struct Taken {
 }
 
 /// Opens the head and takes frames.
-pub fn take(args: &CalibrateArgs, board: &Board) -> anyhow::Result<Taken> {
+pub fn take(args: &CalibrateArgs, board: &Board) -> anyhow::Result<CapturedFolder> {
     let camera = Camera::open(&args.choice.device.clone().unwrap_or_default())?;
     let serial = head::serial(&camera.device)?;
     let same = Selector { serial: Some(camera.device.serial().to_owned()), ..Selector::default() };
@@ -238,7 +242,7 @@ pub fn take(args: &CalibrateArgs, board: &Board) -> anyhow::Result<Taken> {
         (_, temporary) => temporary.as_ref().map(|t| t.path().to_owned()).unwrap_or_default(),
     };
     std::fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
-    let mut taking = Taking::new(board, &folder, args.frames.map(usize::from))?;
+    let mut taking = LiveCapture::new(board, &folder, args.frames.map(usize::from))?;
     let stop = Arc::new(AtomicBool::new(false));
     let asked = Arc::clone(&stop);
     // The first one ends the taking, the second the program.
@@ -261,7 +265,7 @@ pub fn take(args: &CalibrateArgs, board: &Board) -> anyhow::Result<Taken> {
     })?;
     bar.finish_and_clear();
     let count = taking.session.taken();
-    Ok(Taken { folder, serial, temporary, count })
+    Ok(CapturedFolder { folder, serial, temporary, count })
 }
 
 #[cfg(test)]
@@ -297,11 +301,11 @@ mod tests {
         }
     }
 
-    fn run(taking: &mut Taking<'_>, pictures: &mut Recorded) -> Vec<Look> {
+    fn run(taking: &mut LiveCapture<'_>, pictures: &mut Recorded) -> Vec<LiveFrame> {
         let mut looks = Vec::new();
-        let tell = |look: &Look, _: &Session| {
+        let tell = |look: &LiveFrame, _: &Session| {
             let (text, circles, kept) = (look.text.clone(), look.circles.clone(), look.kept.clone());
-            looks.push(Look { text, circles, kept });
+            looks.push(LiveFrame { text, circles, kept });
         };
         taking.run(pictures, &AtomicBool::new(false), tell).unwrap();
         looks
@@ -319,7 +323,7 @@ mod tests {
     #[test]
     fn frames_are_taken_when_the_board_holds_still_in_a_new_pose() {
         let folder = tempfile::tempdir().unwrap();
-        let mut taking = Taking::new(&BOARD, folder.path(), None).unwrap();
+        let mut taking = LiveCapture::new(&BOARD, folder.path(), None).unwrap();
         // Three poses, each shown three times, one that is there already, and a picture that is none.
         let mut pictures = Recorded::new(&["c01", "c05", "c09", "c01"], 3);
         pictures.frames.push_back(b"no picture".to_vec());
@@ -341,7 +345,7 @@ mod tests {
         assert!(missing_text(&taking.session).starts_with("3 frames, missing: "));
 
         // What is there counts: one more, and four are enough.
-        let mut taking = Taking::new(&BOARD, folder.path(), Some(4)).unwrap();
+        let mut taking = LiveCapture::new(&BOARD, folder.path(), Some(4)).unwrap();
         assert_eq!(taking.session.taken(), 3);
         let mut pictures = Recorded::new(&["c05", "c13", "c21"], 2);
         run(&mut taking, &mut pictures);
@@ -352,7 +356,7 @@ mod tests {
     #[test]
     fn a_stop_ends_it_before_the_next_frame() {
         let folder = tempfile::tempdir().unwrap();
-        let mut taking = Taking::new(&BOARD, folder.path(), None).unwrap();
+        let mut taking = LiveCapture::new(&BOARD, folder.path(), None).unwrap();
         let mut pictures = Recorded::new(&["c01"], 2);
         taking.run(&mut pictures, &AtomicBool::new(true), |_, _| panic!("nothing is looked at")).unwrap();
         assert_eq!((pictures.frames.len(), files(folder.path()).len()), (2, 0));

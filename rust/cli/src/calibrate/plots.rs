@@ -23,14 +23,14 @@ fn draw(
     let mut svg = String::new();
     {
         let area = SVGBackend::with_string(&mut svg, size).into_drawing_area();
-        area.fill(&WHITE).map_err(told)?;
+        area.fill(&WHITE).map_err(plot_error)?;
         paint(&area)?;
-        area.present().map_err(told)?;
+        area.present().map_err(plot_error)?;
     }
     Ok(svg)
 }
 
-fn told(e: impl std::fmt::Display) -> String {
+fn plot_error(e: impl std::fmt::Display) -> String {
     e.to_string()
 }
 
@@ -54,8 +54,8 @@ pub fn vectors(solved: &Solved) -> Drawn {
             let to = (from.0 + MAGNIFIED * du / n, from.1 + MAGNIFIED * dv / n);
             chart
                 .draw_series([PathElement::new(vec![from, to], COLOURS[1].stroke_width(2))])
-                .map_err(told)?;
-            chart.draw_series([Circle::new(from, 3, COLOURS[1].filled())]).map_err(told)?;
+                .map_err(plot_error)?;
+            chart.draw_series([Circle::new(from, 3, COLOURS[1].filled())]).map_err(plot_error)?;
         }
         Ok(())
     })
@@ -71,7 +71,7 @@ pub fn coverage(solved: &Solved) -> Drawn {
             let colour = if c.used { BLACK.mix(0.35) } else { RED.mix(1.0) };
             Circle::new((c.at.u, c.at.v), 2, colour.filled())
         });
-        chart.draw_series(dots).map_err(told)?;
+        chart.draw_series(dots).map_err(plot_error)?;
         Ok(())
     })
 }
@@ -92,8 +92,14 @@ fn sensor<'a, 'b>(
         .x_label_area_size(34)
         .y_label_area_size(52)
         .build_cartesian_2d(0.0..width, height..0.0)
-        .map_err(told)?;
-    chart.configure_mesh().light_line_style(WHITE).x_desc("u, px").y_desc("v, px").draw().map_err(told)?;
+        .map_err(plot_error)?;
+    chart
+        .configure_mesh()
+        .light_line_style(WHITE)
+        .x_desc("u, px")
+        .y_desc("v, px")
+        .draw()
+        .map_err(plot_error)?;
     Ok(chart)
 }
 
@@ -121,7 +127,7 @@ pub fn stripe_residuals(solved: &Solved, laser: LaserId) -> Drawn {
             .x_label_area_size(34)
             .y_label_area_size(52)
             .build_cartesian_2d(near.min(far) - 20.0..far + 20.0, -0.8..0.8)
-            .map_err(told)?;
+            .map_err(plot_error)?;
         chart
             .configure_mesh()
             .light_line_style(WHITE)
@@ -129,18 +135,18 @@ pub fn stripe_residuals(solved: &Solved, laser: LaserId) -> Drawn {
             .x_desc("distance, mm")
             .y_desc("residual, px")
             .draw()
-            .map_err(told)?;
+            .map_err(plot_error)?;
         let shown = points.iter().filter(|p| p.1.abs() < 0.8).step_by(1 + points.len() / 2500);
         let dots = shown.map(|(depth, residual, used)| {
             let colour = if *used { COLOURS[laser.index()].mix(0.25) } else { RED.mix(0.6) };
             Circle::new((*depth, *residual), 1, colour.filled())
         });
-        chart.draw_series(dots).map_err(told)?;
+        chart.draw_series(dots).map_err(plot_error)?;
         let means = bins
             .iter()
             .filter(|(_, (_, n))| *n >= 10.0)
             .map(|(bin, (sum, n))| ((*bin as f64 + 0.5) * 50.0, sum / n));
-        chart.draw_series(LineSeries::new(means, BLACK.stroke_width(2))).map_err(told)?;
+        chart.draw_series(LineSeries::new(means, BLACK.stroke_width(2))).map_err(plot_error)?;
         Ok(())
     })
 }
@@ -156,21 +162,21 @@ pub fn laser_coverage(solved: &Solved) -> Drawn {
             .x_label_area_size(34)
             .y_label_area_size(52)
             .build_cartesian_2d(0.0..width, 0.0..far * 1.05)
-            .map_err(told)?;
+            .map_err(plot_error)?;
         chart
             .configure_mesh()
             .light_line_style(WHITE)
             .x_desc("u, px")
             .y_desc("distance, mm")
             .draw()
-            .map_err(told)?;
+            .map_err(plot_error)?;
         for id in LaserId::ALL {
             let points: Vec<_> = all().filter(|s| s.laser == id).collect();
             let dots = points.iter().step_by(1 + points.len() / 1500);
             let colour = COLOURS[id.index()];
             chart
                 .draw_series(dots.map(|s| Circle::new((s.at.u, s.depth_mm), 1, colour.mix(0.5).filled())))
-                .map_err(told)?;
+                .map_err(plot_error)?;
         }
         Ok(())
     })

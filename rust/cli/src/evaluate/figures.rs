@@ -5,7 +5,7 @@ use plotters::prelude::*; // in use for the calibration's report
 
 const SIZE_PX: (u32, u32) = (640, 480);
 
-fn told(e: impl std::fmt::Display) -> String {
+fn plot_error(e: impl std::fmt::Display) -> String {
     e.to_string()
 }
 
@@ -15,29 +15,31 @@ pub fn reliability(confidence: &Confidence) -> Result<String, String> {
     let mut svg = String::new();
     {
         let area = SVGBackend::with_string(&mut svg, SIZE_PX).into_drawing_area();
-        area.fill(&WHITE).map_err(told)?;
+        area.fill(&WHITE).map_err(plot_error)?;
         let mut chart = ChartBuilder::on(&area)
             .margin(12)
             .x_label_area_size(36)
             .y_label_area_size(52)
             .build_cartesian_2d(0.0..1.0, 0.0..1.02)
-            .map_err(told)?;
+            .map_err(plot_error)?;
         chart
             .configure_mesh()
             .max_light_lines(0)
             .x_desc("stated probability")
             .y_desc("share right")
             .draw()
-            .map_err(told)?;
-        chart.draw_series(LineSeries::new([(0.0, 0.0), (1.0, 1.0)], orange.stroke_width(1))).map_err(told)?;
+            .map_err(plot_error)?;
+        chart
+            .draw_series(LineSeries::new([(0.0, 0.0), (1.0, 1.0)], orange.stroke_width(1)))
+            .map_err(plot_error)?;
         for bin in &confidence.bins {
             let [low, high] = bin.right.interval;
             let bar = PathElement::new(vec![(bin.stated, low), (bin.stated, high)], blue.stroke_width(2));
-            chart.draw_series([bar]).map_err(told)?;
+            chart.draw_series([bar]).map_err(plot_error)?;
             let at = (bin.stated, bin.right.value().unwrap_or(0.0));
-            chart.draw_series([Circle::new(at, 5, blue.filled())]).map_err(told)?;
+            chart.draw_series([Circle::new(at, 5, blue.filled())]).map_err(plot_error)?;
         }
-        area.present().map_err(told)?;
+        area.present().map_err(plot_error)?;
     }
     Ok(svg)
 }
@@ -62,24 +64,24 @@ pub fn risk(confidence: &Confidence) -> Result<String, String> {
     let mut svg = String::new();
     {
         let area = SVGBackend::with_string(&mut svg, SIZE_PX).into_drawing_area();
-        area.fill(&WHITE).map_err(told)?;
+        area.fill(&WHITE).map_err(plot_error)?;
         let mut chart = ChartBuilder::on(&area)
             .margin(12)
             .x_label_area_size(36)
             .y_label_area_size(52)
             .build_cartesian_2d(0.0..100.0, 0.0..top)
-            .map_err(told)?;
+            .map_err(plot_error)?;
         chart
             .configure_mesh()
             .max_light_lines(0)
             .x_desc("measured, % of the measurable")
             .y_desc("wrong, % of the measured")
             .draw()
-            .map_err(told)?;
+            .map_err(plot_error)?;
         let shown = curve.into_iter().map(|(measured, wrong)| (measured, wrong.min(top)));
-        chart.draw_series(LineSeries::new(shown, blue.stroke_width(2))).map_err(told)?;
-        chart.draw_series([Circle::new(today, 6, orange.filled())]).map_err(told)?;
-        area.present().map_err(told)?;
+        chart.draw_series(LineSeries::new(shown, blue.stroke_width(2))).map_err(plot_error)?;
+        chart.draw_series([Circle::new(today, 6, orange.filled())]).map_err(plot_error)?;
+        area.present().map_err(plot_error)?;
     }
     Ok(svg)
 }

@@ -1,12 +1,12 @@
 //! The page about accuracy, in Markdown: one part for each file of rows.
 
 use super::cause::Cause;
-use super::rows::Made;
+use super::rows::RunSettings;
 use super::statistics::Share;
 use super::summary::{Confidence, Errors, Group, Summary, Wrong};
 
 /// Whether boxes were rendered with three faces of which two are used.
-pub fn two_of_three(made: &Made) -> bool {
+pub fn two_of_three(made: &RunSettings) -> bool {
     made.source == "three" && made.faces == 2
 }
 /// Limits on the probability that are tabled.
@@ -166,7 +166,7 @@ fn part(summary: &Summary, pictures: Option<&Pictures>) -> String {
     text
 }
 
-fn title(made: &Made) -> &str {
+fn title(made: &RunSettings) -> &str {
     match made.source.as_str() {
         "box" => "Rendered boxes",
         "three" if two_of_three(made) => "The same boxes, two of the three faces",

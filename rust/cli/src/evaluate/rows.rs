@@ -45,7 +45,7 @@ pub const UNDECIDED: &str = "undecided";
 
 /// How the boxes of a file were made and measured. Rows that were made otherwise do not go into it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Made {
+pub struct RunSettings {
     /// `folders`, or the kind of rendered recordings.
     pub source: String,
     /// Frames of each box that were used at most.
@@ -71,7 +71,7 @@ pub struct Made {
 /// What is right to do with a box.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Due {
+pub enum Expected {
     #[default]
     Measure,
     Refuse,
@@ -80,7 +80,7 @@ pub enum Due {
 /// What was done.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Answer {
+pub enum ResultKind {
     #[default]
     Measured,
     Refused,
@@ -96,9 +96,9 @@ pub struct Row {
     pub frames: String,
     pub row: usize,
     pub rows: usize,
-    pub due: Due,
+    pub due: Expected,
     pub due_reason: String,
-    pub outcome: Answer,
+    pub outcome: ResultKind,
     pub reason: String,
     pub confidence: Option<f64>,
     pub side: String,
@@ -134,7 +134,7 @@ struct Subject<'a> {
     frames: Vec<(&'a str, &'a TruthFace)>,
     faces: Vec<&'a FaceScore>,
     truth_mm: Vec<Option<f64>>,
-    outcome: Answer,
+    outcome: ResultKind,
     reason: &'a str,
     confidence: Option<f64>,
     sides: Vec<Estimate>,
@@ -161,9 +161,9 @@ pub fn rows_of(
                 faces: score.faces.iter().collect(),
                 truth_mm: cuboid.truth_mm.map(Some).to_vec(),
                 outcome: match &cuboid.outcome {
-                    Outcome::Measured(_) => Answer::Measured,
-                    Outcome::Ambiguous(_) => Answer::Ambiguous,
-                    Outcome::Rejected(_) => Answer::Refused,
+                    Outcome::Measured(_) => ResultKind::Measured,
+                    Outcome::Ambiguous(_) => ResultKind::Ambiguous,
+                    Outcome::Rejected(_) => ResultKind::Refused,
                 },
                 reason: match &cuboid.outcome {
                     Outcome::Ambiguous(_) if cuboid.two_are_right => "same_lengths",
@@ -206,7 +206,7 @@ impl<'a> Subject<'a> {
             frames: vec![frame],
             faces: vec![face],
             truth_mm: face.truth_mm.map_or(vec![None; 2], |mm| mm.map(Some).to_vec()),
-            outcome: if face.sides().is_some() { Answer::Measured } else { Answer::Refused },
+            outcome: if face.sides().is_some() { ResultKind::Measured } else { ResultKind::Refused },
             reason: face.reason().unwrap_or_default(),
             confidence,
             sides: face.sides().map_or_else(Vec::new, |sides| sides.to_vec()),
@@ -222,27 +222,27 @@ impl<'a> Subject<'a> {
         })
     }
 
-    fn due(&self, must_refuse: bool, calibration: &Calibration) -> (Due, String) {
+    fn due(&self, must_refuse: bool, calibration: &Calibration) -> (Expected, String) {
         let too_far = |face: &TruthFace| {
             let corners = face.corners_cam_mm?.map(|[x, y, z]| Point::new(x, y, z));
             feasibility::too_far(calibration, corners)
         };
         let mut faces = self.frames.iter().map(|(_, face)| *face);
         if let Some(why) = faces.clone().find_map(|face| face.refuse.clone()) {
-            (Due::Refuse, why)
+            (Expected::Refuse, why)
         } else if must_refuse || faces.clone().any(|face| face.size_mm.is_none()) {
-            (Due::Refuse, "any".to_owned())
+            (Expected::Refuse, "any".to_owned())
         } else if faces.any(|face| too_far(face).is_some()) {
-            (Due::Refuse, TOO_FAR.to_owned())
+            (Expected::Refuse, TOO_FAR.to_owned())
         } else {
-            (Due::Measure, String::new())
+            (Expected::Measure, String::new())
         }
     }
 
     fn rows(&self, must_refuse: bool, calibration: &Calibration) -> Vec<Row> {
         let (due, due_reason) = self.due(must_refuse, calibration);
-        let refusal_due = due == Due::Refuse && due_reason != TOO_FAR;
-        let answered = self.outcome != Answer::Refused;
+        let refusal_due = due == Expected::Refuse && due_reason != TOO_FAR;
+        let answered = self.outcome != ResultKind::Refused;
         let is_wrong = |index: usize| {
             let off =
                 self.sides.get(index).zip(self.truth_mm[index]).is_some_and(|(s, mm)| is_wrong_side(*s, mm));
@@ -319,7 +319,7 @@ impl Book {
 
     /// Opens a file to go on with it, or begins one. What was torn at its end when a run was stopped is dropped. A file that was made
     /// otherwise is refused and left as it is.
-    pub fn open(path: &Path, made: &Made) -> anyhow::Result<Self> {
+    pub fn open(path: &Path, made: &RunSettings) -> anyhow::Result<Self> {
         let failed = || format!("{}: cannot open", path.display());
         let mut options = File::options();
         let mut file =
@@ -374,7 +374,7 @@ impl Book {
 }
 
 /// Reads a file that runs have written.
-pub fn read(path: &Path) -> anyhow::Result<(Made, Vec<Row>)> {
+pub fn read(path: &Path) -> anyhow::Result<(RunSettings, Vec<Row>)> {
     let bytes = match std::fs::read(path) {
         Ok(bytes) => bytes,
         Err(e) if e.kind() == IoErrorKind::NotFound => {
@@ -387,7 +387,7 @@ pub fn read(path: &Path) -> anyhow::Result<(Made, Vec<Row>)> {
 }
 
 /// The first two lines.
-fn head_of(made: &Made) -> anyhow::Result<String> {
+fn head_of(made: &RunSettings) -> anyhow::Result<String> {
     Ok(format!("{FORMAT}{}\n{}\n", serde_json::to_string(made)?, header()?))
 }
 
@@ -400,7 +400,7 @@ fn header() -> anyhow::Result<String> {
 }
 
 /// How it was made, the rows of whole recordings, and where the last of them ends.
-fn parse(bytes: &[u8], name: &str) -> anyhow::Result<(Made, Vec<Row>, usize)> {
+fn parse(bytes: &[u8], name: &str) -> anyhow::Result<(RunSettings, Vec<Row>, usize)> {
     let invalid = |text: String| Error::new(ErrorKind::InvalidFile, format!("{name}: {text}"));
     // The last line may be torn.
     let whole_lines = bytes.iter().rposition(|b| *b == b'\n').map_or(&[][..], |end| &bytes[..=end]);
@@ -408,7 +408,7 @@ fn parse(bytes: &[u8], name: &str) -> anyhow::Result<(Made, Vec<Row>, usize)> {
     let not_ours = || invalid(format!("its first line does not begin with {:?}", FORMAT.trim_end()));
     let (first, body) = text.split_once('\n').ok_or_else(not_ours)?;
     let made = first.strip_prefix(FORMAT).ok_or_else(not_ours)?;
-    let made: Made =
+    let made: RunSettings =
         serde_json::from_str(made).map_err(|e| invalid(format!("line 1: {e}")).with_source(e))?;
     let header = header()?;
     let found = body.lines().next().unwrap_or_default();
@@ -449,8 +449,8 @@ fn parse(bytes: &[u8], name: &str) -> anyhow::Result<(Made, Vec<Row>, usize)> {
 mod tests {
     use super::*;
 
-    fn made() -> Made {
-        Made {
+    fn made() -> RunSettings {
+        RunSettings {
             source: "box".into(),
             faces: 3,
             hazards: Some("all".into()),
@@ -515,11 +515,13 @@ mod tests {
         let path = folder.path().join("rows.csv");
         Book::open(&path, &made()).unwrap().add(rows("box-1")).unwrap();
         let before = std::fs::read_to_string(&path).unwrap();
-        let said = |made: &Made| Book::open(&path, made).map(|_| ()).unwrap_err().to_string();
-        let other = Made { hazards: Some("none".into()), ..made() };
+        let said = |made: &RunSettings| Book::open(&path, made).map(|_| ()).unwrap_err().to_string();
+        let other = RunSettings { hazards: Some("none".into()), ..made() };
         assert!(said(&other).contains("was made otherwise") && said(&other).contains("\"hazards\":\"none\""));
         // Another build of the same version, too.
-        assert!(said(&Made { program: "0.1.0, 0123".into(), ..made() }).contains("was made otherwise"));
+        assert!(
+            said(&RunSettings { program: "0.1.0, 0123".into(), ..made() }).contains("was made otherwise")
+        );
         assert_eq!(std::fs::read_to_string(&path).unwrap(), before);
 
         for (text, complaint) in [

@@ -3,7 +3,7 @@
 use super::in_order::in_order;
 use super::page::{self, Pictures};
 use super::recorded::{Listed, Recorded, long_name};
-use super::rows::{Book, Made, Row, read, rows_of};
+use super::rows::{Book, Row, RunSettings, read, rows_of};
 use super::score::{RecordingScore, method_name};
 use super::summary::{Summary, summary};
 use super::{Broken, figures, progress_bar};
@@ -27,12 +27,12 @@ use std::path::{Path, PathBuf};
 /// One recording.
 struct Job<'a> {
     name: String,
-    what: What<'a>,
+    what: JobSource<'a>,
     /// Its rows are there; only its overlay is missing.
     only_overlay: bool,
 }
 
-enum What<'a> {
+enum JobSource<'a> {
     Folder(&'a Recording, &'a Truth),
     #[cfg(feature = "render")]
     Seed(u64),
@@ -160,10 +160,10 @@ fn write_text(path: &Path, text: &str) -> anyhow::Result<()> {
 
 /// What is not in the book yet, and what lacks its overlay.
 fn jobs<'a>(args: &EvaluateArgs, listed: &'a Listed, book: &Book) -> anyhow::Result<Vec<Job<'a>>> {
-    let mut all: Vec<(String, What<'a>)> = listed
+    let mut all: Vec<(String, JobSource<'a>)> = listed
         .recordings
         .iter()
-        .map(|(recording, truth)| (long_name(&recording.folder), What::Folder(recording, truth)))
+        .map(|(recording, truth)| (long_name(&recording.folder), JobSource::Folder(recording, truth)))
         .collect();
     #[cfg(feature = "render")]
     if let Some(count) = args.simulate {
@@ -172,7 +172,8 @@ fn jobs<'a>(args: &EvaluateArgs, listed: &'a Listed, book: &Book) -> anyhow::Res
         }
         let last = args.seed.checked_add(count).context("--seed and --simulate: too large together")?;
         all.extend(
-            (args.seed..last).map(|seed| (format!("{}-{seed}", value_name(args.kind)), What::Seed(seed))),
+            (args.seed..last)
+                .map(|seed| (format!("{}-{seed}", value_name(args.kind)), JobSource::Seed(seed))),
         );
     }
     #[cfg(not(feature = "render"))]
@@ -219,13 +220,13 @@ fn value_name(value: impl ValueEnum) -> String {
 }
 
 impl Bench<'_> {
-    fn made(&self) -> anyhow::Result<Made> {
+    fn made(&self) -> anyhow::Result<RunSettings> {
         let args = self.args;
         let network = match &args.network.model {
             Some(path) => fingerprint(path)?,
             None => "embedded".to_owned(),
         };
-        let mut made = Made {
+        let mut made = RunSettings {
             source: "folders".into(),
             faces: args.faces,
             hazards: None,
@@ -255,7 +256,7 @@ impl Bench<'_> {
     /// Measures a recording; what is wrong in it is drawn if overlays are wanted.
     fn rows(&self, job: &Job<'_>, network: Option<&AnyNet>) -> anyhow::Result<Vec<Row>> {
         let (recorded, calibration, seed) = match &job.what {
-            What::Folder(recording, truth) => {
+            JobSource::Folder(recording, truth) => {
                 let calibration = match &self.calibration {
                     Some(calibration) => calibration.clone(),
                     None => read_calibration(&recording.calibration_file)?,
@@ -263,7 +264,7 @@ impl Bench<'_> {
                 (Recorded::read(recording, truth, !self.args.ignore_off)?, calibration, None)
             }
             #[cfg(feature = "render")]
-            What::Seed(seed) => {
+            JobSource::Seed(seed) => {
                 let stock = self.stock.as_ref().context("no stock to render from")?;
                 let (recorded, calibration) =
                     simulated::recorded(&job.name, self.args.kind.of(1), *seed, self.args.off, stock)?;

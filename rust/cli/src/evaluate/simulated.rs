@@ -6,7 +6,7 @@ use crate::input::add_off;
 use boxline::{Calibration, Error, ErrorKind, Frame};
 use boxline_proto::json::{RecordedFrame, parse_calibration, parse_recording, parse_truth};
 use boxline_sim::Stock;
-use boxline_sim::recording::{Hold, Kind, Recipe, render_recording};
+use boxline_sim::recording::{HeadHold, Kind, Recipe, render_recording};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -19,7 +19,7 @@ pub fn recorded(
     stock: &Stock,
 ) -> anyhow::Result<(Recorded, Calibration)> {
     let mut files = BTreeMap::new();
-    let recipe = Recipe { off: off.then_some(Hold::Hand), ..Recipe::new(seed, kind) };
+    let recipe = Recipe { off: off.then_some(HeadHold::Hand), ..Recipe::new(seed, kind) };
     render_recording(&recipe, stock, |name, bytes| {
         files.insert(name.to_owned(), bytes);
         Ok(())

@@ -1,7 +1,7 @@
 //! The numbers of a scored run, from its rows.
 
 use super::cause::Cause;
-use super::rows::{Answer, Due, Made, Row, SIZE_CLASSES, TOO_FAR, UNDECIDED};
+use super::rows::{Expected, ResultKind, Row, RunSettings, SIZE_CLASSES, TOO_FAR, UNDECIDED};
 use super::score::Statistics;
 use super::statistics::{Bin, Limited, Share, Stated, calibration_error, limits, reliability};
 use boxline::Estimate;
@@ -12,7 +12,7 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Everything that is told of a file of rows.
 #[derive(Clone, Debug, Serialize)]
 pub struct Summary {
-    pub made: Made,
+    pub made: RunSettings,
     /// The lowest and the highest seed.
     pub seeds: Option<[u64; 2]>,
     /// Boxes, or faces that are judged by themselves.
@@ -134,10 +134,10 @@ struct Subject<'a> {
 
 impl Subject<'_> {
     fn is_measurable(&self) -> bool {
-        self.first.due == Due::Measure
+        self.first.due == Expected::Measure
     }
 
-    fn is(&self, answer: Answer) -> bool {
+    fn is(&self, answer: ResultKind) -> bool {
         self.first.outcome == answer
     }
 
@@ -150,9 +150,9 @@ impl Subject<'_> {
     fn stated(&self) -> Option<Stated> {
         let probability = self.first.confidence?;
         let right = match self.first.outcome {
-            Answer::Measured => !self.is_wrong(),
-            Answer::Ambiguous => return None,
-            Answer::Refused => !self.sides.iter().any(|side| {
+            ResultKind::Measured => !self.is_wrong(),
+            ResultKind::Ambiguous => return None,
+            ResultKind::Refused => !self.sides.iter().any(|side| {
                 let candidate = side.candidate_mm.zip(side.candidate_sigma_mm).zip(side.truth_mm);
                 candidate.is_none_or(|((mm, sigma), truth)| is_wrong_side(Estimate::new(mm, sigma), truth))
             }),
@@ -166,7 +166,7 @@ const ANGLES_DEG: [(f64, f64, &str); 3] =
     [(0.0, 20.0, "below 20 degrees"), (20.0, 40.0, "20 to 40 degrees"), (40.0, 90.0, "above 40 degrees")];
 
 /// Adds up a file.
-pub fn summary(made: Made, rows: &[Row]) -> Summary {
+pub fn summary(made: RunSettings, rows: &[Row]) -> Summary {
     let of_one = |a: &Row, b: &Row| a.name == b.name && a.frames == b.frames;
     let all: Vec<Subject<'_>> =
         rows.chunk_by(of_one).filter_map(|sides| Some(Subject { first: sides.first()?, sides })).collect();
@@ -195,27 +195,27 @@ fn of_measurable(all: &[Subject<'_>]) -> Measurable {
     if all.is_empty() {
         return Measurable::default();
     }
-    let measured = counted(all, |s| s.is(Answer::Measured));
-    let wrong = |s: &Subject<'_>| s.is(Answer::Measured) && s.is_wrong();
+    let measured = counted(all, |s| s.is(ResultKind::Measured));
+    let wrong = |s: &Subject<'_>| s.is(ResultKind::Measured) && s.is_wrong();
     let (mut causes, mut reasons) = (BTreeMap::new(), BTreeMap::new());
     for subject in all {
         if wrong(subject) {
             *causes.entry(subject.first.cause.unwrap_or(Cause::Other)).or_default() += 1;
         }
-        if subject.is(Answer::Refused) {
+        if subject.is(ResultKind::Refused) {
             *reasons.entry(subject.first.reason.clone()).or_default() += 1;
         }
     }
     let of_all = |answer| Some(Share::new(counted(all, |s| s.is(answer)), all.len()));
     Measurable {
         count: all.len(),
-        measured: of_all(Answer::Measured),
+        measured: of_all(ResultKind::Measured),
         wrong: Some(Share::new(counted(all, wrong), measured)),
         causes,
-        ambiguous: of_all(Answer::Ambiguous),
-        undecided: counted(all, |s| s.is(Answer::Ambiguous) && s.first.reason == UNDECIDED),
-        neither_right: counted(all, |s| s.is(Answer::Ambiguous) && s.is_wrong()),
-        refused: of_all(Answer::Refused),
+        ambiguous: of_all(ResultKind::Ambiguous),
+        undecided: counted(all, |s| s.is(ResultKind::Ambiguous) && s.first.reason == UNDECIDED),
+        neither_right: counted(all, |s| s.is(ResultKind::Ambiguous) && s.is_wrong()),
+        refused: of_all(ResultKind::Refused),
         reasons,
     }
 }
@@ -223,7 +223,7 @@ fn of_measurable(all: &[Subject<'_>]) -> Measurable {
 fn of_must_refuse(all: &[Subject<'_>]) -> MustRefuse {
     let due: Vec<Subject<'_>> =
         all.iter().copied().filter(|s| !s.is_measurable() && s.first.due_reason != TOO_FAR).collect();
-    let answered = |s: &Subject<'_>| !s.is(Answer::Refused);
+    let answered = |s: &Subject<'_>| !s.is(ResultKind::Refused);
     let words: BTreeSet<&str> = due.iter().map(|s| s.first.due_reason.as_str()).collect();
     let of_reason = |word: &str| {
         let of = |s: &Subject<'_>| s.first.due_reason == word;
@@ -239,7 +239,7 @@ fn of_must_refuse(all: &[Subject<'_>]) -> MustRefuse {
 fn of_out_of_range(all: &[Subject<'_>]) -> OutOfRange {
     let far: Vec<Subject<'_>> =
         all.iter().copied().filter(|s| !s.is_measurable() && s.first.due_reason == TOO_FAR).collect();
-    let refused = counted(&far, |s| s.is(Answer::Refused));
+    let refused = counted(&far, |s| s.is(ResultKind::Refused));
     OutOfRange {
         count: far.len(),
         refused,
@@ -257,7 +257,7 @@ fn wrong(subject: &Subject<'_>) -> Wrong {
         name: first.name.clone(),
         frames: first.frames.clone(),
         due: (!subject.is_measurable()).then(|| first.due_reason.clone()),
-        ambiguous: subject.is(Answer::Ambiguous),
+        ambiguous: subject.is(ResultKind::Ambiguous),
         error_mm: worst.and_then(|row| row.error_mm),
         sigma_mm: worst.and_then(|row| row.sigma_mm),
         confidence: first.confidence,
@@ -268,7 +268,7 @@ fn wrong(subject: &Subject<'_>) -> Wrong {
 
 fn confidence(measurable: &[Subject<'_>]) -> Option<Confidence> {
     let all: Vec<Stated> = measurable.iter().filter_map(Subject::stated).collect();
-    let measured = || measurable.iter().filter(|s| s.is(Answer::Measured));
+    let measured = || measurable.iter().filter(|s| s.is(ResultKind::Measured));
     let of_measured: Vec<Stated> = measured().filter_map(Subject::stated).collect();
     let bins = reliability(&all);
     (!all.is_empty()).then(|| Confidence {
@@ -283,7 +283,7 @@ fn confidence(measurable: &[Subject<'_>]) -> Option<Confidence> {
 
 fn size(class: &'static str, measurable: &[Subject<'_>]) -> Option<Size> {
     let (mut right, mut all) = (Statistics::default(), Statistics::default());
-    for subject in measurable.iter().filter(|s| s.is(Answer::Measured)) {
+    for subject in measurable.iter().filter(|s| s.is(ResultKind::Measured)) {
         for row in subject.sides.iter().filter(|row| row.size_class == class) {
             let Some((error_mm, sigma_mm)) = row.error_mm.zip(row.sigma_mm) else { continue };
             all.add(error_mm, sigma_mm);
@@ -302,8 +302,8 @@ fn size(class: &'static str, measurable: &[Subject<'_>]) -> Option<Size> {
 }
 
 fn group<'a>(name: impl Into<String>, all: &[Subject<'a>], has: impl Fn(&Subject<'a>) -> bool) -> Group {
-    let measured = counted(all, |s| has(s) && s.is(Answer::Measured));
-    let wrong = counted(all, |s| has(s) && s.is(Answer::Measured) && s.is_wrong());
+    let measured = counted(all, |s| has(s) && s.is(ResultKind::Measured));
+    let wrong = counted(all, |s| has(s) && s.is(ResultKind::Measured) && s.is_wrong());
     Group {
         name: name.into(),
         measured: Share::new(measured, counted(all, &has)),

@@ -4,7 +4,7 @@
 use super::canvas::{Canvas, Color, DARK};
 use super::{BAD, EDGE_POINT, GOOD, Headline, LASERS, MARGIN, Panel, View, WARNING, WHITE, draw, mix};
 use anyhow::Context;
-use boxline::trace::{GridSeen, LaserResponse, LineSeen, OutlineSeen, Stage, StripeSeen, Trace};
+use boxline::trace::{LaserResponse, Stage, Trace, TracedLine, TracedOutline, TracedPlane, TracedStripe};
 use boxline::{BoxReport, Channel, FaceMaps, FaceMeasurement, FaceOutcome, Frame, LaserId, Px};
 use image::RgbImage;
 use image::codecs::jpeg::JpegEncoder;
@@ -27,28 +27,28 @@ const RIDGE_SIGMAS: [f32; 2] = [2.0, 3.0];
 /// What the stages found in each frame. Frames are told apart by their address.
 pub struct Stages<'a> {
     frames: &'a [&'a Frame],
-    found: Mutex<Vec<Found>>,
+    found: Mutex<Vec<StageFindings>>,
 }
 
 #[derive(Default)]
-struct Found {
+struct StageFindings {
     maps: Option<FaceMaps>,
     /// Sigmas of both pairs at each px of the small picture, rows top to bottom.
     response: Option<[Vec<f32>; 2]>,
-    planes: Vec<GridSeen>,
+    planes: Vec<TracedPlane>,
     /// One for each plane on which stripes were followed.
-    tries: Vec<Try>,
+    tries: Vec<PlaneFindings>,
 }
 
-struct Try {
-    stripes: [StripeSeen; 4],
-    outlines: Option<(Vec<LineSeen>, Vec<OutlineSeen>)>,
+struct PlaneFindings {
+    stripes: [TracedStripe; 4],
+    outlines: Option<(Vec<TracedLine>, Vec<TracedOutline>)>,
 }
 
 impl<'a> Stages<'a> {
     /// Of these frames, before they are measured.
     pub fn new(frames: &'a [&'a Frame]) -> Self {
-        Self { frames, found: Mutex::new(frames.iter().map(|_| Found::default()).collect()) }
+        Self { frames, found: Mutex::new(frames.iter().map(|_| StageFindings::default()).collect()) }
     }
 }
 
@@ -70,7 +70,7 @@ impl Trace for Stages<'_> {
                 found.tries.clear();
             }
             Stage::Stripes(stripes) => {
-                found.tries.push(Try { stripes: stripes.clone(), outlines: None });
+                found.tries.push(PlaneFindings { stripes: stripes.clone(), outlines: None });
             }
             Stage::Outlines { lines, outlines } => {
                 if let Some(last) = found.tries.last_mut() {
@@ -204,7 +204,7 @@ fn narrowed(picture: &RgbImage) -> RgbImage {
 fn pictures(
     frame: &Frame,
     name: &str,
-    found: &Found,
+    found: &StageFindings,
     outcome: &FaceOutcome,
 ) -> anyhow::Result<Vec<(&'static str, RgbImage)>> {
     let size = format!("{name}: {} x {} px", frame.width_px(), frame.height_px());
@@ -237,7 +237,7 @@ fn pictures(
 }
 
 /// The plane that was measured was the last to be tried; of those that all refused, the one that got farthest.
-fn shown<'a>(tries: &'a [Try], outcome: &FaceOutcome) -> Option<&'a Try> {
+fn shown<'a>(tries: &'a [PlaneFindings], outcome: &FaceOutcome) -> Option<&'a PlaneFindings> {
     match outcome {
         FaceOutcome::Measured(_) => tries.last(),
         FaceOutcome::Rejected(_) => tries.iter().find(|tried| tried.outlines.is_some()).or(tries.first()),
@@ -261,7 +261,7 @@ fn network(frame: &Frame, maps: &FaceMaps) -> anyhow::Result<Sheet> {
     Ok(sheet)
 }
 
-fn planes(frame: &Frame, planes: &[GridSeen]) -> anyhow::Result<Sheet> {
+fn planes(frame: &Frame, planes: &[TracedPlane]) -> anyhow::Result<Sheet> {
     let text = match planes {
         [] => "None.".to_owned(),
         [best, rest @ ..] => format!(
@@ -286,7 +286,7 @@ fn planes(frame: &Frame, planes: &[GridSeen]) -> anyhow::Result<Sheet> {
     Ok(sheet)
 }
 
-fn stripes(frame: &Frame, stripes: &[StripeSeen; 4]) -> anyhow::Result<Sheet> {
+fn stripes(frame: &Frame, stripes: &[TracedStripe; 4]) -> anyhow::Result<Sheet> {
     let centres: usize = stripes.iter().map(|stripe| stripe.on_plane_px.len()).sum();
     let text = format!(
         "{centres} centres lie on the plane (coloured), others do not (red). Rings: where a stripe leaves the plane."
@@ -302,7 +302,7 @@ fn stripes(frame: &Frame, stripes: &[StripeSeen; 4]) -> anyhow::Result<Sheet> {
     Ok(sheet)
 }
 
-fn outlines(frame: &Frame, lines: &[LineSeen], outlines: &[OutlineSeen]) -> anyhow::Result<Sheet> {
+fn outlines(frame: &Frame, lines: &[TracedLine], outlines: &[TracedOutline]) -> anyhow::Result<Sheet> {
     let told = outlines.first().map_or_else(String::new, |likeliest| {
         format!(", the white one right with a probability of {:.3}", likeliest.probability)
     });

@@ -5,7 +5,7 @@
 //! first case and A deep in the second**, and every face beside a measured one reaches that deep, whichever of its sides it
 //! shares. In an oblique view such a face is seen. A stripe goes on over it, bent at the shared edge: it stays in its laser's
 //! plane and lies on the plane through the edge at a right angle to the measured face, so it is predicted to some px
-//! ([`trail`]); where it ends is the depth. A laser's plane nearly holds the line of sight, so it runs straight to the far end.
+//! ([`stripe_path`]); where it ends is the depth. A laser's plane nearly holds the line of sight, so it runs straight to the far end.
 //!
 //! Each stripe can show three things: it ends at the nearer depth B, it ends at the farther depth A, or it passes B without a
 //! gap. B is settled by two stripes that end there and none that says otherwise. A is settled if in both frames a stripe
@@ -23,19 +23,19 @@
 //! - a stripe that is lost early or hidden in between (print, tape, a shadow): it must end at one depth and not at the other at
 //!   odds that all stripes add up to ([`LEAST_LOG_ODDS`]), and one that ends elsewhere before the farther depth says nothing.
 
+mod stripe_path;
 #[cfg(test)]
 mod tests;
-mod trail;
 
 use crate::calibration::Calibration;
 use crate::image::Frame;
-use crate::measurement::{BoxMeasurement, DepthSeen, FaceMeasurement};
+use crate::measurement::{BoxMeasurement, DepthEstimate, FaceMeasurement};
 use crate::statistics::median;
 use crate::stripe::colour_projection::measure_tints;
 use crate::stripe::trace::{StripeLine, measure_half_width_px};
 use crate::units::{Estimate, LaserId};
 use std::ops::Range;
-use trail::{FramedStripe, Place, StripePath};
+use stripe_path::{FramedStripe, PathSample, StripePath};
 
 /// Probability that noise alone looks like a stripe on any of the lines that are tried for one stripe.
 const FALSE_ALARM: f64 = 1e-4;
@@ -67,7 +67,7 @@ pub(crate) fn settle(
     frames: [&Frame; 2],
     faces: [&FaceMeasurement; 2],
     candidates: &[BoxMeasurement; 2],
-) -> Option<(usize, DepthSeen)> {
+) -> Option<(usize, DepthEstimate)> {
     let sides = |b: &BoxMeasurement| [b.length, b.width, b.height];
     let face_mm = 0.5 * faces.iter().map(|f| f.length.value_mm + f.width.value_mm).sum::<f64>();
     // What is left of the three sides after those of the face.
@@ -92,8 +92,11 @@ pub(crate) fn settle(
     let at_end = || seen.iter().filter(|s| s.end != End::Beyond);
     let weight: f64 = at_end().map(|s| s.sigma_mm.powi(-2)).sum();
     let depth_mm = at_end().map(|s| s.depth_mm * s.sigma_mm.powi(-2)).sum::<f64>() / weight;
-    let settled =
-        DepthSeen { depth: Estimate::new(depth_mm, weight.sqrt().recip()), log_odds, stripes: seen.len() };
+    let settled = DepthEstimate {
+        depth: Estimate::new(depth_mm, weight.sqrt().recip()),
+        log_odds,
+        stripes: seen.len(),
+    };
     Some((if deep { 1 - nearer } else { nearer }, settled))
 }
 
@@ -147,17 +150,17 @@ fn stripes_beside(
         for id in LaserId::ALL {
             let paper = FramedStripe { calibration, frame, projection: projections[id.index()], foot_px };
             let most_mm = 1.5 * depths.far_mm + 10.0 * END_MM;
-            let trail = StripePath::new(&paper, face, side, id, most_mm);
-            all.extend(trail.and_then(|trail| look(&trail, &paper, depths)));
+            let stripe_path = StripePath::new(&paper, face, side, id, most_mm);
+            all.extend(stripe_path.and_then(|stripe_path| look(&stripe_path, &paper, depths)));
         }
     }
     all
 }
 
 /// What one trail shows, if anything.
-fn look(trail: &StripePath, paper: &FramedStripe, depths: &Depths) -> Option<DepthEvidence> {
+fn look(stripe_path: &StripePath, paper: &FramedStripe, depths: &Depths) -> Option<DepthEvidence> {
     let Depths { near_mm, far_mm } = *depths;
-    let lit = trail.brightest(paper, near_mm)?;
+    let lit = stripe_path.brightest(paper, near_mm)?;
     // The largest of so many normal values is larger than this once in 1 / FALSE_ALARM times.
     let needed = (2.0 * (lit.tried as f64 / FALSE_ALARM).ln()).sqrt();
     if lit.significance < needed {
@@ -166,7 +169,7 @@ fn look(trail: &StripePath, paper: &FramedStripe, depths: &Depths) -> Option<Dep
     let places = &lit.places;
     let usual = lit.usual;
     // It begins at the edge.
-    let of_first = |p: &&Place| p.depth_mm < 0.25 * near_mm;
+    let of_first = |p: &&PathSample| p.depth_mm < 0.25 * near_mm;
     if mean(places.iter().filter(of_first).map(|p| p.strength))? < 0.5 * usual {
         return None;
     }
@@ -185,10 +188,10 @@ fn look(trail: &StripePath, paper: &FramedStripe, depths: &Depths) -> Option<Dep
     let (most, last) = (odds[end], odds.len() - 1);
     let odds_at = |depth_mm: f64| odds[places.partition_point(|p| p.depth_mm <= depth_mm).min(last)];
     let slack_mm = |depth_mm: f64| END_MM + END_SHARE * depth_mm + 2.0 * step_mm;
-    let latest_mm = |depth_mm: f64| depth_mm + slack_mm(depth_mm) + trail.late_mm(depth_mm);
+    let latest_mm = |depth_mm: f64| depth_mm + slack_mm(depth_mm) + stripe_path.late_mm(depth_mm);
     let from_far_mm = far_mm - slack_mm(far_mm);
     // A face that goes on straight must be told from this one, and the depths from each other.
-    if trail.late_mm(0.0) > 0.5 * near_mm || near_mm + slack_mm(near_mm) > from_far_mm {
+    if stripe_path.late_mm(0.0) > 0.5 * near_mm || near_mm + slack_mm(near_mm) > from_far_mm {
         return None;
     }
     let near = near_mm - slack_mm(near_mm)..latest_mm(near_mm).min(from_far_mm);
@@ -214,7 +217,7 @@ fn look(trail: &StripePath, paper: &FramedStripe, depths: &Depths) -> Option<Dep
 }
 
 /// Whether the stripe goes through this range of depths without a gap, such as the seam between two flush boxes is.
-fn passes(places: &[Place], range: &Range<f64>) -> bool {
+fn passes(places: &[PathSample], range: &Range<f64>) -> bool {
     let mid = 0.5 * (range.start + range.end);
     let around = 3.0 * (range.end - mid);
     let lights =

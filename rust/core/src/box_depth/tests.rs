@@ -4,7 +4,7 @@ use super::settle;
 use crate::calibration::Calibration;
 use crate::frames::{Plane, Point};
 use crate::image::Frame;
-use crate::measurement::{BoxMeasurement, DepthSeen, FaceMeasurement};
+use crate::measurement::{BoxMeasurement, DepthEstimate, FaceMeasurement};
 use crate::paper_head::paper_head;
 use crate::units::{Estimate, LaserId, Px, Volume};
 use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -125,7 +125,7 @@ impl Scene {
     }
 
     /// The candidate that is told, 0: as deep as wide, 1: as deep as long.
-    fn told(&self) -> Option<(usize, DepthSeen)> {
+    fn told(&self) -> Option<(usize, DepthEstimate)> {
         let calibration = paper_head(0.5);
         let second = Scene { azimuth_rad: self.azimuth_rad + 0.4, ..*self };
         let frames = [self.frame(&calibration), second.frame(&calibration)];

@@ -108,7 +108,7 @@ fn sampled<T: Copy + Add<Output = T> + Mul<f32, Output = T>>(
     frame: &Frame,
     u: f64,
     v: f64,
-    told: impl Fn([u8; 3]) -> T,
+    sample: impl Fn([u8; 3]) -> T,
 ) -> Option<T> {
     let (w, h) = (frame.width_px(), frame.height_px());
     if !(u >= 0.0 && v >= 0.0) {
@@ -123,9 +123,9 @@ fn sampled<T: Copy + Add<Output = T> + Mul<f32, Output = T>>(
     }
     let rows = [y, y + 1].map(|row| frame.rgb().get((row * w + x) * 3..(row * w + x) * 3 + 6));
     let [Some(top), Some(bottom)] = rows else { return None };
-    let told = |p: &[u8], weight: f32| told([p[0], p[1], p[2]]) * weight;
-    let top = told(&top[..3], (1.0 - fu) * (1.0 - fv)) + told(&top[3..], fu * (1.0 - fv));
-    Some(top + told(&bottom[..3], (1.0 - fu) * fv) + told(&bottom[3..], fu * fv))
+    let sample = |p: &[u8], weight: f32| sample([p[0], p[1], p[2]]) * weight;
+    let top = sample(&top[..3], (1.0 - fu) * (1.0 - fv)) + sample(&top[3..], fu * (1.0 - fv));
+    Some(top + sample(&bottom[..3], (1.0 - fu) * fv) + sample(&bottom[3..], fu * fv))
 }
 
 /// Scale of zero-mean noise from the median of its absolute values; `floor` where the picture is flat.

@@ -32,7 +32,7 @@ const NEAR: [f64; 5] = [4.0, 3.0, 2.5, 2.0, 1.5];
 const SAMPLES: usize = 48;
 
 /// A pixel of the maps on the plane.
-pub(crate) struct Spot {
+pub(crate) struct WeightedPoint {
     pub at: OnPlane,
     pub weight: f64,
 }
@@ -58,7 +58,7 @@ pub(crate) fn map_outline(
                 if value >= least
                     && let Some(at) = base.on_plane(calibration, maps.px_from_raster(x as f64, y as f64))
                 {
-                    found.push(Spot { at, weight: f64::from(value) });
+                    found.push(WeightedPoint { at, weight: f64::from(value) });
                 }
             }
         }
@@ -78,12 +78,12 @@ pub(crate) fn map_outline(
         .max_by(|a, b| a.0.total_cmp(&b.0))?;
     let angle = f64::from(angle_deg).to_radians();
     let peaks = [0, 1, 2, 3].map(|side| peaks(&profile(&edges, &crossings, angle, side, unit)));
-    let mut best: Option<(f32, Candidate)> = None;
+    let mut best: Option<(f32, RectangleCandidate)> = None;
     let mut pick = [0; 4];
     while pick[3] < peaks[3].len() {
         let chosen = [0, 1, 2, 3].map(|s| peaks[s].get(pick[s]).copied());
         if let [Some(a0), Some(a1), Some(b0), Some(b1)] = chosen {
-            let candidate = Candidate { angle, offsets_mm: [a0, a1, b0, b1] };
+            let candidate = RectangleCandidate { angle, offsets_mm: [a0, a1, b0, b1] };
             let score = candidate.score(calibration, &base, maps, &mask, unit);
             if best.as_ref().is_none_or(|(s, _)| score > *s) {
                 best = Some((score, candidate));
@@ -136,7 +136,7 @@ struct Profile {
     sums: Vec<f64>,
 }
 
-fn profile(edges: &[Spot], crossings: &[OnPlane], angle: f64, side: usize, unit: f64) -> Profile {
+fn profile(edges: &[WeightedPoint], crossings: &[OnPlane], angle: f64, side: usize, unit: f64) -> Profile {
     let ((across, _), sign) = (SIDES[side], outward_sign(side));
     let offset = |at: OnPlane| sign * across.offset(turned(at, angle));
     let start_mm = crossings.iter().map(|c| offset(*c)).fold(f64::NEG_INFINITY, f64::max);
@@ -159,7 +159,7 @@ fn profile(edges: &[Spot], crossings: &[OnPlane], angle: f64, side: usize, unit:
 }
 
 /// How concentrated the edges are on four lines at an angle.
-fn sharpness(edges: &[Spot], crossings: &[OnPlane], angle_deg: i32, unit: f64) -> f64 {
+fn sharpness(edges: &[WeightedPoint], crossings: &[OnPlane], angle_deg: i32, unit: f64) -> f64 {
     let angle = f64::from(angle_deg).to_radians();
     (0..4)
         .map(|side| {
@@ -186,18 +186,18 @@ fn peaks(profile: &Profile) -> Vec<f64> {
 
 /// A rectangle: turned by an angle against the stripes, sides at offsets.
 #[derive(Clone, Copy)]
-pub(crate) struct Candidate {
+pub(crate) struct RectangleCandidate {
     pub angle: f64,
     pub offsets_mm: [f64; 4],
 }
 
-impl Candidate {
+impl RectangleCandidate {
     fn score(
         &self,
         calibration: &Calibration,
         base: &PlaneRaster,
         maps: &FaceMaps,
-        mask: &[Spot],
+        mask: &[WeightedPoint],
         unit: f64,
     ) -> f32 {
         let sides: f32 = (0..4).map(|side| self.support(calibration, base, maps, side)).sum();
@@ -217,7 +217,7 @@ impl Candidate {
     }
 
     /// About the intersection over union with the mask; `mask` holds one pixel in four.
-    fn overlap(&self, mask: &[Spot], unit: f64) -> f32 {
+    fn overlap(&self, mask: &[WeightedPoint], unit: f64) -> f32 {
         let [a0, a1, b0, b1] = self.offsets_mm;
         let inside = mask
             .iter()
@@ -252,7 +252,7 @@ impl Candidate {
     }
 
     /// Least squares of angle and offsets to the edge pixels nearby; `unit` is a pixel of the maps, mm.
-    pub fn fitted(mut self, edges: &[Spot], unit: f64) -> Self {
+    pub fn fitted(mut self, edges: &[WeightedPoint], unit: f64) -> Self {
         for near in NEAR {
             let mut normal = nalgebra::SMatrix::<f64, 5, 5>::zeros();
             let mut right = nalgebra::SVector::<f64, 5>::zeros();

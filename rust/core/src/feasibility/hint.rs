@@ -118,7 +118,7 @@ impl Hint {
 
 /// Which moves to make, and how far; none where zero.
 #[derive(Clone, Copy, Debug)]
-struct Plan {
+struct PlannedMoves {
     roll_rad: f64,
     straighten: bool,
     steps: i32,
@@ -127,7 +127,7 @@ struct Plan {
 }
 
 /// All plans for a pose.
-fn plans(calibration: &Calibration, pose: &FacePose) -> Vec<Plan> {
+fn plans(calibration: &Calibration, pose: &FacePose) -> Vec<PlannedMoves> {
     let skewed = misalignment_rad(calibration, pose).filter(|angle| angle.abs() > LEAST_ANGLE_RAD);
     let rolls = [Some(0.0), skewed, skewed.map(|angle| -angle)];
     let mut all = Vec::new();
@@ -135,7 +135,7 @@ fn plans(calibration: &Calibration, pose: &FacePose) -> Vec<Plan> {
         for straighten in [false, true] {
             for steps in -STEPS..=STEPS {
                 for aim in [None, Some(1.0), Some(0.5), Some(0.0)] {
-                    all.push(Plan { roll_rad, straighten, steps, aim });
+                    all.push(PlannedMoves { roll_rad, straighten, steps, aim });
                 }
             }
         }
@@ -143,7 +143,7 @@ fn plans(calibration: &Calibration, pose: &FacePose) -> Vec<Plan> {
     all
 }
 
-impl Plan {
+impl PlannedMoves {
     fn cost(&self, moves: usize) -> f64 {
         moves as f64 + f64::from(self.steps.abs()) * 0.02
     }

@@ -11,7 +11,7 @@ use crate::error::{Error, ErrorKind};
 use crate::hypotheses::{BoxHypothesis, FaceHypotheses, LIKELIEST, likeliest_boxes};
 use crate::image::Frame;
 use crate::measurement::{
-    BoxMeasurement, Candidate, DepthSeen, FaceMeasurement, FaceOutcome, Outcome, Settings, StageTimes,
+    BoxMeasurement, Candidate, DepthEstimate, FaceMeasurement, FaceOutcome, Outcome, Settings, StageTimes,
 };
 use crate::reject::Reject;
 use crate::report::{BoxReport, FaceReport};
@@ -188,7 +188,7 @@ fn candidates(boxes: &[BoxHypothesis<'_, Assembled>], settings: &Settings) -> Ve
 struct Assembled {
     outcome: Outcome,
     warnings: Vec<Warning>,
-    settled: Option<DepthSeen>,
+    settled: Option<DepthEstimate>,
 }
 
 impl Assembled {

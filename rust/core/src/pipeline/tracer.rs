@@ -9,7 +9,7 @@ use crate::network::FaceMaps;
 use crate::rectangle::corner_points;
 use crate::rectangle::outlines::OutlineHypothesis;
 use crate::stripe::grid_search::GridHypothesis;
-use crate::trace::{GridSeen, LaserResponse, LineSeen, OutlineSeen, Stage, StripeSeen, Trace};
+use crate::trace::{LaserResponse, Stage, Trace, TracedLine, TracedOutline, TracedPlane, TracedStripe};
 use crate::units::LaserId;
 
 /// The one who looks on, if there is one, and at what.
@@ -35,10 +35,10 @@ impl Tracer<'_> {
                 Some([i?, j?])
             };
             let [a, b, c, d] = LaserId::ALL.map(segment);
-            Some(GridSeen { segments_px: [a?, b?, c?, d?], strength: hypothesis.strength })
+            Some(TracedPlane { segments_px: [a?, b?, c?, d?], strength: hypothesis.strength })
         };
         if let Some(trace) = self.trace {
-            let planes: Vec<GridSeen> = planes.iter().filter_map(grid).collect();
+            let planes: Vec<TracedPlane> = planes.iter().filter_map(grid).collect();
             let response = LaserResponse::new(ridges);
             trace.found(self.frame, &Stage::Planes { response, planes: &planes });
         }
@@ -48,7 +48,7 @@ impl Tracer<'_> {
         let stripe = |id: LaserId| {
             let stripe = &face.stripes[id.index()];
             let beyond = stripe.points.iter().enumerate().filter(|(i, _)| !stripe.on_plane.contains(i));
-            StripeSeen {
+            TracedStripe {
                 on_plane_px: face.centres(id).map(|centre| centre.at).collect(),
                 beyond_px: beyond.filter_map(|(_, point)| Some(point.found?.at)).collect(),
                 ends_px: stripe.ends.map(|end| end.at),
@@ -64,7 +64,7 @@ impl Tracer<'_> {
             let OutlineHypothesis { outline, probability, .. } = hypothesis;
             let [a, b, c, d] = corner_points(&outline.offsets_mm)
                 .map(|corner| outline.raster.pixel(self.calibration, corner));
-            Some(OutlineSeen { corners_px: [a?, b?, c?, d?], probability: *probability })
+            Some(TracedOutline { corners_px: [a?, b?, c?, d?], probability: *probability })
         };
         let (Some(trace), Some(likeliest)) = (self.trace, outlines.first()) else { return };
         let RoughRectangle { raster, offsets_mm, lines, .. } = &likeliest.outline;
@@ -74,11 +74,11 @@ impl Tracer<'_> {
             lines[side].iter().filter_map(move |line| {
                 let [a, b] =
                     [from, to].map(|along| raster.pixel(self.calibration, across.at(line.offset_mm, along)));
-                Some(LineSeen { ends_px: [a?, b?], share: line.share })
+                Some(TracedLine { ends_px: [a?, b?], share: line.share })
             })
         });
-        let lines: Vec<LineSeen> = lines.collect();
-        let outlines: Vec<OutlineSeen> = outlines.iter().filter_map(corners).collect();
+        let lines: Vec<TracedLine> = lines.collect();
+        let outlines: Vec<TracedOutline> = outlines.iter().filter_map(corners).collect();
         trace.found(self.frame, &Stage::Outlines { lines: &lines, outlines: &outlines });
     }
 }

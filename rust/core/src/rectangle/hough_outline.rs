@@ -5,7 +5,7 @@ use crate::calibration::Calibration;
 use crate::edges::hough::{Line, lines_beside_stripes};
 use crate::edges::map::LEAST_PROBABILITY;
 use crate::face::extent::{crossing_on, crossing_px};
-use crate::face::map_outline::{Candidate, Spot, turned};
+use crate::face::map_outline::{RectangleCandidate, WeightedPoint, turned};
 use crate::face::outline::{Across, RoughRectangle, SIDES, outward_sign, span_mm};
 use crate::face::raster::{OnPlane, PlaneRaster};
 use crate::frames::{Cam, Plane};
@@ -58,9 +58,9 @@ pub(crate) fn hough_outline(
         Found::Rectangle { sides, .. } => level(sides),
     };
     // The transform's cells are coarser than the map's pixels.
-    let spot = |px| Some(Spot { at: search.raster.on_plane(calibration, px)?, weight: 1.0 });
-    let spots: Vec<Spot> = pixels.iter().filter_map(|p| spot(p.at)).collect();
-    let Candidate { angle, offsets_mm } =
+    let spot = |px| Some(WeightedPoint { at: search.raster.on_plane(calibration, px)?, weight: 1.0 });
+    let spots: Vec<WeightedPoint> = pixels.iter().filter_map(|p| spot(p.at)).collect();
+    let RectangleCandidate { angle, offsets_mm } =
         level.fitted(&spots, search.mm_per_px * map.view().px_per_raster_px());
     let raster = search.raster.turned(angle);
     let at = Turned { search: &search, raster: &raster };
@@ -194,10 +194,10 @@ impl<'a> Search<'a> {
 }
 
 /// The mean direction of four lines, and where they lie when the raster is turned by it.
-fn level(sides: [Straight; 4]) -> Candidate {
+fn level(sides: [Straight; 4]) -> RectangleCandidate {
     let votes: f64 = sides.iter().map(|s| s.votes).sum();
     let angle = sides.iter().map(|s| s.votes * s.angle_rad).sum::<f64>() / votes;
-    Candidate { angle, offsets_mm: sides.map(|s| s.across.offset(turned(s.through, angle))) }
+    RectangleCandidate { angle, offsets_mm: sides.map(|s| s.across.offset(turned(s.through, angle))) }
 }
 
 /// The search in one direction.

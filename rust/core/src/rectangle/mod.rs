@@ -65,7 +65,7 @@ pub(crate) fn measure(
         return Err(Reject::FaceNotPlanar { rms_px: face.fit.rms_px, limit_px: MAX_STRIPE_RMS_PX });
     }
     let stripes = face_observations(calibration, face, rough);
-    let observed = Observed { calibration, stripes: &stripes, edges };
+    let observed = FaceObservations { calibration, stripes: &stripes, edges };
     let fitted = observed.fit(rough, settings).ok_or_else(open)?;
     let fit = &fitted.fit;
     let limit_px = edge_limit_px(edges).max(MAX_EDGE_RMS_MM / rough.mm_per_px);
@@ -76,9 +76,9 @@ pub(crate) fn measure(
     let lit = keep_out(calibration, face, rough);
     let Sharpened { mut corrections, misplaced_mm } =
         sharp_edge::sharpen(frame, calibration, face, fit, &rough.at_ends, &lit);
-    let beside = [0, 1, 2, 3].map(|side| Beside::of(fit, rough, side));
-    for (correction, beside) in corrections.iter_mut().zip(&beside) {
-        correction.sigma_mm = correction.sigma_mm.hypot(beside.sigma_mm);
+    let nearby = [0, 1, 2, 3].map(|side| NearbyLines::of(fit, rough, side));
+    for (correction, nearby) in corrections.iter_mut().zip(&nearby) {
+        correction.sigma_mm = correction.sigma_mm.hypot(nearby.sigma_mm);
     }
     let too_far_mm = TOO_FAR_MM.max(TOO_FAR_PX * rough.mm_per_px);
     let beyond_ends = misplaced_mm.iter().filter(|off| **off < -too_far_mm).count() as u8;
@@ -92,17 +92,17 @@ pub(crate) fn measure(
         observed.by_fit(fitted, &corrections)
     };
     let mut face = face.ok_or_else(open)?;
-    face.warnings.extend(Beside::warning(&beside));
+    face.warnings.extend(NearbyLines::warning(&nearby));
     Ok(face)
 }
 
 /// Lines that are no farther from a measured side pull at it, px and mm.
-const BESIDE_PX: f64 = 15.0;
-const BESIDE_MM: f64 = 8.0;
+const NEARBY_PX: f64 = 15.0;
+const NEARBY_MM: f64 = 8.0;
 /// Their mean distance times this is in its sigma. All measured sides of the learning and choosing seeds, wrong ones too, would have 0.8
 /// (maximum likelihood); chosen on boxes that are measured by default, of which with this none of 556 right sides is off by more than 4
 /// sigmas.
-const BESIDE_SHARE: f64 = 0.4;
+const NEARBY_SHARE: f64 = 0.4;
 
 /// Lines nearer than this are one, px ...
 const ONE_PX: f64 = 4.0;
@@ -110,27 +110,27 @@ const ONE_PX: f64 = 4.0;
 const LEAST_OF_DOUBLE: f64 = 0.9;
 
 /// The lines that pull at a measured side: the two roundings of an edge, a seam's two flanks, a line of print just inside.
-struct Beside {
+struct NearbyLines {
     /// How far the side may be off because one of them is it, 1 sigma, mm.
     sigma_mm: f64,
     /// The one that is likeliest to be it instead: how far outwards it lies, mm, and its share of the weight.
     other: Option<(f64, f64)>,
 }
 
-impl Beside {
+impl NearbyLines {
     fn of(fit: &FittedRectangle, rough: &RoughRectangle, side: usize) -> Self {
         let across = SIDES[side].0;
         let (from, to) = span_mm(&fit.offsets_mm, side);
         let middle = fit.raster.cam_point(across.at(fit.offsets_mm[side], 0.5 * (from + to)));
         let here_mm = across.offset(rough.raster.of_cam(&middle));
         let off_mm = |line: &WeightedLine| (line.offset_mm - here_mm).abs();
-        let reach_mm = (BESIDE_PX * rough.mm_per_px).min(BESIDE_MM);
+        let reach_mm = (NEARBY_PX * rough.mm_per_px).min(NEARBY_MM);
         let near: Vec<&WeightedLine> =
             rough.lines[side].iter().filter(|line| off_mm(line) <= reach_mm).collect();
         let total: f64 = near.iter().map(|line| line.share).sum();
         if total <= 0.0 {
             let nearest = rough.lines[side].iter().map(off_mm).min_by(f64::total_cmp);
-            return Self { sigma_mm: BESIDE_SHARE * nearest.unwrap_or(0.0), other: None };
+            return Self { sigma_mm: NEARBY_SHARE * nearest.unwrap_or(0.0), other: None };
         }
         let variance: f64 = near.iter().map(|line| line.share / total * off_mm(line).powi(2)).sum();
         let other = near.iter().filter(|line| off_mm(line) > ONE_PX * rough.mm_per_px);
@@ -138,14 +138,14 @@ impl Beside {
             .max_by(|a, b| a.share.total_cmp(&b.share))
             .map(|line| (outward_sign(side) * (line.offset_mm - here_mm), line.share / total));
         Self {
-            sigma_mm: BESIDE_SHARE * variance.sqrt(),
+            sigma_mm: NEARBY_SHARE * variance.sqrt(),
             other: other.filter(|(_, share)| *share >= LEAST_OF_DOUBLE),
         }
     }
 
     /// Of the side whose other line is the likeliest.
     fn warning(sides: &[Self; 4]) -> Option<Warning> {
-        let doubled = sides.iter().filter_map(|beside| Some((beside.sigma_mm, beside.other?)));
+        let doubled = sides.iter().filter_map(|nearby| Some((nearby.sigma_mm, nearby.other?)));
         let (sigma, (found, share)) = doubled.max_by(|(_, (_, a)), (_, (_, b))| a.total_cmp(b))?;
         let kind = WarningKind::EdgeDouble;
         Some(Warning { kind, laser: None, found, sigma, chi_square: share, limit: LEAST_OF_DOUBLE })
@@ -154,7 +154,7 @@ impl Beside {
 
 /// What was seen of a face.
 #[derive(Clone, Copy)]
-pub(crate) struct Observed<'a> {
+pub(crate) struct FaceObservations<'a> {
     pub calibration: &'a Calibration,
     pub stripes: &'a [StripeObservation],
     pub edges: &'a [Vec<EdgePoint>; 4],
@@ -168,7 +168,7 @@ pub(crate) struct Fitted {
     corner_angles: Option<[AngleEstimate; 4]>,
 }
 
-impl Observed<'_> {
+impl FaceObservations<'_> {
     /// Fits and checks the face.
     pub fn fit(&self, rough: &RoughRectangle, settings: &Settings) -> Option<Fitted> {
         let calibration = self.calibration;
@@ -208,7 +208,7 @@ impl Observed<'_> {
         let straight = straightness::of_sides(&fit);
         let mut uncertainty = uncertainty::of_sides(&fit, &causes, corrections);
         for (side, straight) in straight.iter().enumerate() {
-            uncertainty.own_mm2[(side / 2, side / 2)] += straight.told.rms_mm.powi(2);
+            uncertainty.own_mm2[(side / 2, side / 2)] += straight.reported.rms_mm.powi(2);
         }
         for (i, tilted_mm) in checks.tilted_mm.into_iter().enumerate() {
             uncertainty.own_mm2[(i, i)] += tilted_mm.powi(2);
@@ -221,7 +221,7 @@ impl Observed<'_> {
         let (_, distance_mm) = fit.raster.plane.normal_and_distance_mm();
         let bulge = nalgebra::Vector2::from(values_mm) * (checks.off_plane_mm / distance_mm);
         uncertainty.own_mm2 += bulge * bulge.transpose();
-        let sides = Sides { values_mm, uncertainty, corner_angles, straight };
+        let sides = SideLengths { values_mm, uncertainty, corner_angles, straight };
         assemble(self, &fit, sides, key_points_px, checks.warnings)
     }
 
@@ -241,7 +241,7 @@ impl Observed<'_> {
         let key_points_px = key_points::on_sides(self.calibration, fit)?;
         let straight = straightness::of_sides(fit);
         let sides =
-            Sides { values_mm: points.sides_mm, uncertainty, corner_angles: *corner_angles, straight };
+            SideLengths { values_mm: points.sides_mm, uncertainty, corner_angles: *corner_angles, straight };
         assemble(self, fit, sides, key_points_px, checks.warnings.clone())
     }
 }
@@ -322,7 +322,7 @@ pub(crate) fn corner_points([a0, a1, b0, b1]: &[f64; 4]) -> [OnPlane; 4] {
 }
 
 /// The two lengths in the order of the raster.
-struct Sides {
+struct SideLengths {
     values_mm: [f64; 2],
     uncertainty: SideUncertainty,
     corner_angles: Option<[AngleEstimate; 4]>,
@@ -330,13 +330,13 @@ struct Sides {
 }
 
 fn assemble(
-    observed: &Observed,
+    observed: &FaceObservations,
     fit: &FittedRectangle,
-    sides: Sides,
+    sides: SideLengths,
     key_points_px: [[Px; 2]; 4],
     mut warnings: Vec<Warning>,
 ) -> Option<FaceMeasurement> {
-    let Sides { values_mm, mut uncertainty, mut corner_angles, straight } = sides;
+    let SideLengths { values_mm, mut uncertainty, mut corner_angles, straight } = sides;
     warnings.extend(straightness::bowed(&straight));
     let calibration = observed.calibration;
     let round = [fit.corner(0, 2), fit.corner(1, 2), fit.corner(1, 3), fit.corner(0, 3)];
@@ -390,7 +390,7 @@ fn assemble(
         warnings,
         surface: surface::surface(calibration, fit, &corners),
         confidence: None,
-        straightness: going_round.map(|side| straight[side].told),
+        straightness: going_round.map(|side| straight[side].reported),
         light: None,
         enclosing: [enclosing(0), enclosing(1)],
     })
@@ -454,11 +454,11 @@ mod tests {
                 let p = calibration.laser(laser).per_mm;
                 for step in 0..45 {
                     let offset = -45.0 + 4.4 * f64::from(step);
-                    let beside = |along: f64| p.dot(&surface(across.at(offset, along))) - 1.0;
+                    let nearby = |along: f64| p.dot(&surface(across.at(offset, along))) - 1.0;
                     let mut along =
                         crossing_on(calibration, &face.raster, across, offset, laser).expect("it crosses");
                     for _ in 0..6 {
-                        along -= beside(along) / (beside(along + 0.5) - beside(along - 0.5));
+                        along -= nearby(along) / (nearby(along + 0.5) - nearby(along - 0.5));
                     }
                     let at = crate::frames::Point::from_vector(surface(across.at(offset, along)));
                     let at = calibration.camera().px_from_point(&at).expect("in view");
@@ -498,7 +498,7 @@ mod tests {
         let edges =
             edges(&calibration, &truth, |side, i| if i % 5 < 2 { printed_mm[side] } else { SIDES_MM[side] });
         let rough = RoughRectangle { offsets_mm: printed_mm, ..truth.clone() };
-        let observed = Observed { calibration: &calibration, stripes: &stripes, edges: &edges };
+        let observed = FaceObservations { calibration: &calibration, stripes: &stripes, edges: &edges };
         let fitted = observed.fit(&rough, &Settings::default()).expect("a rectangle");
         for (found, true_mm) in lengths_mm(&fitted.fit.offsets_mm).into_iter().zip(lengths_mm(&SIDES_MM)) {
             assert!((found - true_mm).abs() < 0.2 * truth.mm_per_px, "{found} mm, {true_mm} mm are true");
@@ -513,9 +513,9 @@ mod tests {
         let edges = edges(&calibration, &truth, |side, _| SIDES_MM[side]);
         for bow_mm in [8.0, -8.0] {
             let stripes = stripes(&calibration, &truth, bow_mm);
-            let observed = Observed { calibration: &calibration, stripes: &stripes, edges: &edges };
+            let observed = FaceObservations { calibration: &calibration, stripes: &stripes, edges: &edges };
             let fitted = observed.fit(&truth, &Settings::default()).expect("a rectangle");
-            assert!(!fitted.checks.warnings.is_empty(), "{bow_mm} mm are not told");
+            assert!(!fitted.checks.warnings.is_empty(), "{bow_mm} mm are not reported");
             for (found, true_mm) in lengths_mm(&fitted.fit.offsets_mm).into_iter().zip(lengths_mm(&SIDES_MM))
             {
                 assert!((found - true_mm).abs() < 0.4, "{bow_mm}: {found} mm, {true_mm} mm are true");

@@ -26,7 +26,7 @@ const LEAST_SIGMA_MM: f64 = 0.01;
 /// One side.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Side {
-    pub told: Straightness,
+    pub reported: Straightness,
     /// Of how many pieces it was told.
     pieces: usize,
     /// How far the outermost piece lies outwards of the fitted side, mm; 0 at least.
@@ -50,7 +50,7 @@ pub(super) fn bowed(sides: &[Side; 4]) -> Option<Warning> {
 impl Side {
     fn bowed(&self) -> Option<Warning> {
         let limit = *LIMITS.get(self.pieces.checked_sub(FEWEST_PIECES)?)?;
-        let Estimate { value_mm, sigma_mm } = self.told.sagitta;
+        let Estimate { value_mm, sigma_mm } = self.reported.sagitta;
         let sigma = sigma_mm.max(LEAST_SIGMA_MM);
         let chi_square = (value_mm / sigma).powi(2);
         let bow =
@@ -104,8 +104,8 @@ fn of_pieces(pieces: &[Piece]) -> Option<Side> {
     let rms_mm = (mean_square(&|p| p.outwards.value_mm) - noise).max(0.0).sqrt();
     let outermost = pieces.iter().map(|p| p.outwards).max_by(|p, q| p.value_mm.total_cmp(&q.value_mm))?;
     let outermost = if outermost.value_mm > 0.0 { outermost } else { Estimate::new(0.0, outermost.sigma_mm) };
-    let told = Straightness { sagitta: Estimate::new(found[2], sigma), rms_mm };
-    Some(Side { told, pieces: pieces.len(), outermost })
+    let reported = Straightness { sagitta: Estimate::new(found[2], sigma), rms_mm };
+    Some(Side { reported, pieces: pieces.len(), outermost })
 }
 
 #[cfg(test)]
@@ -123,20 +123,26 @@ mod tests {
     #[test]
     fn a_bow_has_its_sagitta_and_a_wave_none() {
         let bowed = side(|at| 3.0 * (0.394 - at * at)); // as a fit leaves it: its mean is about 0
-        assert!((bowed.told.sagitta.value_mm - 3.0).abs() < 1e-9 && bowed.told.sagitta.sigma_mm < 1e-6);
-        assert!((0.9..1.2).contains(&bowed.told.rms_mm), "{:?}", bowed.told);
+        assert!(
+            (bowed.reported.sagitta.value_mm - 3.0).abs() < 1e-9 && bowed.reported.sagitta.sigma_mm < 1e-6
+        );
+        assert!((0.9..1.2).contains(&bowed.reported.rms_mm), "{:?}", bowed.reported);
         assert!((bowed.outermost.value_mm - 1.16).abs() < 0.05, "{:?}", bowed.outermost);
         let waved = side(|at| 2.0 * (9.0 * at).sin());
-        assert!(waved.told.sagitta.value_mm.abs() < 0.1 && waved.told.rms_mm > 1.0, "{:?}", waved.told);
+        assert!(
+            waved.reported.sagitta.value_mm.abs() < 0.1 && waved.reported.rms_mm > 1.0,
+            "{:?}",
+            waved.reported
+        );
     }
 
     #[test]
     fn the_largest_bow_is_told_and_neither_waves_nor_noise_nor_what_is_too_small() {
         let bow = |sagitta_mm: f64| side(move |at| sagitta_mm * (0.394 - at * at) + 0.1 * (40.0 * at).sin());
-        let told = bowed(&[bow(-1.4), bow(2.5), bow(0.9), Side::default()]).expect("a bow of 2.5 mm");
-        assert!((told.found - 2.5).abs() < 0.1 && told.chi_square > told.limit, "{told:?}");
-        let told = bowed(&[bow(-1.4), bow(0.9), bow(0.0), Side::default()]).expect("a bow of 1.4 mm");
-        assert!((told.found + 1.4).abs() < 0.1, "{told:?}");
+        let reported = bowed(&[bow(-1.4), bow(2.5), bow(0.9), Side::default()]).expect("a bow of 2.5 mm");
+        assert!((reported.found - 2.5).abs() < 0.1 && reported.chi_square > reported.limit, "{reported:?}");
+        let reported = bowed(&[bow(-1.4), bow(0.9), bow(0.0), Side::default()]).expect("a bow of 1.4 mm");
+        assert!((reported.found + 1.4).abs() < 0.1, "{reported:?}");
         assert_eq!(bowed(&[bow(0.9), bow(0.0), side(|at| 4.0 * (9.0 * at).sin()), Side::default()]), None);
     }
 
@@ -161,15 +167,15 @@ mod tests {
                     of_pieces(&(0..count).map(piece).collect::<Vec<_>>()).unwrap_or_default()
                 })
             };
-            let told = (0..FACES).filter(|_| bowed(&face()).is_some()).count();
+            let reported = (0..FACES).filter(|_| bowed(&face()).is_some()).count();
             // 4 are meant; Poisson's 99.9 % is 0 to 12.
-            assert!(told <= 12, "{told} of {FACES} faces of {count} pieces");
+            assert!(reported <= 12, "{reported} of {FACES} faces of {count} pieces");
         }
     }
 
     #[test]
     fn what_is_noise_is_no_wave() {
         let straight = side(|at| if (at * 40.0) as i32 % 2 == 0 { 0.05 } else { -0.05 });
-        assert_eq!(straight.told.rms_mm, 0.0);
+        assert_eq!(straight.reported.rms_mm, 0.0);
     }
 }

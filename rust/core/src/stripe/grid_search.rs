@@ -63,11 +63,11 @@ const NONE: f32 = -9.0;
 /// very laser.
 pub(crate) struct Evidence<'a> {
     ridge: &'a RidgeMap,
-    network: Option<Layer>,
+    network: Option<NetworkLayer>,
 }
 
 /// A network's map in the steps of the ridge map.
-struct Layer {
+struct NetworkLayer {
     width: usize,
     height: usize,
     layout: Layout,
@@ -95,7 +95,7 @@ impl<'a> Evidence<'a> {
         });
         let scale = [0, 1].map(|i| (one[i] - zero[i]) as f32);
         let layout = Layout::even(scale, ridge.layout().every_px);
-        Self { ridge, network: Some(Layer { width, height, layout, steps: steps.collect() }) }
+        Self { ridge, network: Some(NetworkLayer { width, height, layout, steps: steps.collect() }) }
     }
 
     /// The most that a segment can have, sigmas.
@@ -186,11 +186,11 @@ pub(crate) fn find_planes(
         crossing
     });
     let [c13, c14, c23, c24] = &crossings;
-    let scale = Scale { camera, w_min, step, levels, least };
+    let scale = DepthSearch { camera, w_min, step, levels, least };
     // Two laser pairs' segments from one crossing start a hypothesis; of the others just those that close one are looked at.
     let (mut e2, mut e4) =
         (Segments::new(&scale, c23, c24, &evidence[1]), Segments::new(&scale, c14, c24, &evidence[3]));
-    let mut best = Best::new(keep, 4.0 * least.total);
+    let mut best = StrongestPlanes::new(keep, 4.0 * least.total);
     for n13 in 0..levels {
         let row1 = strong(&scale, c13, c14, &evidence[0], n13);
         if row1.is_empty() {
@@ -240,7 +240,7 @@ pub(crate) fn find_planes(
 }
 
 /// The levels of inverse depth that are searched, and what a segment must have.
-struct Scale<'a> {
+struct DepthSearch<'a> {
     camera: &'a CameraModel,
     w_min: f64,
     step: f64,
@@ -248,7 +248,7 @@ struct Scale<'a> {
     least: Least,
 }
 
-impl Scale<'_> {
+impl DepthSearch<'_> {
     fn w_of(&self, level: usize) -> f64 {
         self.w_min + level as f64 * self.step
     }
@@ -271,7 +271,13 @@ impl Scale<'_> {
 }
 
 /// The segments from one crossing to the next that are strong enough: level there and strength.
-fn strong(scale: &Scale, from: &Crossing, to: &Crossing, map: &Evidence, level: usize) -> Vec<(usize, f32)> {
+fn strong(
+    scale: &DepthSearch,
+    from: &Crossing,
+    to: &Crossing,
+    map: &Evidence,
+    level: usize,
+) -> Vec<(usize, f32)> {
     let Some(a) = from.px[level] else { return Vec::new() };
     let (ms, ends): (Vec<usize>, Vec<[f32; 2]>) =
         scale.near(level).filter_map(|m| Some((m, to.px[m]?))).unzip();
@@ -286,7 +292,7 @@ fn strong(scale: &Scale, from: &Crossing, to: &Crossing, map: &Evidence, level: 
 
 /// Segments from one crossing to the next that are looked at when they are asked for.
 struct Segments<'a> {
-    scale: &'a Scale<'a>,
+    scale: &'a DepthSearch<'a>,
     from: &'a Crossing,
     to: &'a Crossing,
     map: &'a Evidence<'a>,
@@ -295,7 +301,7 @@ struct Segments<'a> {
 }
 
 impl<'a> Segments<'a> {
-    fn new(scale: &'a Scale, from: &'a Crossing, to: &'a Crossing, map: &'a Evidence) -> Self {
+    fn new(scale: &'a DepthSearch, from: &'a Crossing, to: &'a Crossing, map: &'a Evidence) -> Self {
         Self { scale, from, to, map, seen: vec![0.0; scale.levels * scale.levels] }
     }
 
@@ -389,7 +395,7 @@ fn mean_along(map: &Evidence, a: [f32; 2], middle: [f32; 2], b: [f32; 2], every_
 }
 
 /// The strongest hypotheses so far; a new one replaces those that lie beside it.
-struct Best {
+struct StrongestPlanes {
     keep: usize,
     /// Least sum.
     least: f32,
@@ -399,7 +405,7 @@ struct Best {
 /// Two hypotheses are one if no crossing differs by more levels than this (24 px).
 const SAME_LEVELS: usize = 6;
 
-impl Best {
+impl StrongestPlanes {
     fn new(keep: usize, least: f32) -> Self {
         Self { keep, least, entries: Vec::with_capacity(keep + 1) }
     }

@@ -21,7 +21,7 @@ pub(crate) struct StripePoint {
     /// Where the plane predicts the stripe.
     pub predicted: Px,
     /// The peak that was found there, if any.
-    pub found: Option<Found>,
+    pub found: Option<StripeCentre>,
     /// Noise of one sample of the averaged profile, grey levels; tells whether a stripe could have been seen.
     pub noise: f64,
 }
@@ -36,9 +36,10 @@ impl StripePoint {
         if (across - scan.across(self.predicted)).abs() * place.factor > SAME_PX {
             return None;
         }
-        let found = self
-            .found
-            .map(|found| Found { residual_px: (scan.across(found.at) - across) * place.factor, ..found });
+        let found = self.found.map(|found| StripeCentre {
+            residual_px: (scan.across(found.at) - across) * place.factor,
+            ..found
+        });
         // As a look at it would have it.
         let found = found.filter(|found| found.residual_px.abs() <= search_px + 1.0);
         Some(Self { predicted: place.px, found, ..*self })
@@ -47,7 +48,7 @@ impl StripePoint {
 
 /// A peak near the predicted place.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Found {
+pub(crate) struct StripeCentre {
     /// Centre on the sensor.
     pub at: Px,
     /// Distance from the prediction across the stripe, px, signed.
@@ -286,7 +287,7 @@ pub(crate) fn trace_again(
                     ScanDirection::Columns => Px::new(predicted.u, predicted.v + shift),
                 };
                 let speckle = speckle_px(rows as f64);
-                Found {
+                StripeCentre {
                     at,
                     residual_px: shift * factor,
                     sigma_px: (p.sigma * together * factor).hypot(speckle),

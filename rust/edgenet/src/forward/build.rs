@@ -2,7 +2,7 @@
 //! arithmetic. ReLU and addition become part of the convolution before them.
 
 use super::conv::{Conv, Window};
-use super::ops::{self, Each, Op, Pair, Spread};
+use super::ops::{self, BinaryOp, Op, Spread, UnaryOp};
 use super::sizes::doubled;
 use super::{Plan, Source, Step, checked_shapes, len_of};
 use crate::onnx::{Data, Graph, Model, Node, Tensor, bad};
@@ -35,7 +35,7 @@ pub(super) enum Content {
 }
 
 /// A step, before convolutions take others in.
-struct Draft {
+struct DraftStep {
     kind: Kind,
     inputs: Vec<Content>,
     output: usize,
@@ -62,14 +62,14 @@ pub(super) struct ConvDraft {
 }
 
 /// What a node gives, before it is known whether it can be worked out at once.
-pub(super) enum Given {
+pub(super) enum NodeResult {
     Step(Kind, Vec<Value>, Vec<usize>),
     Ready(Value),
 }
 
 #[derive(Default)]
 pub(super) struct Builder {
-    drafts: Vec<Draft>,
+    drafts: Vec<DraftStep>,
     /// Arrays made so far, the input among them.
     made: usize,
     /// Values of all arrays so far.
@@ -192,8 +192,8 @@ impl Builder {
             return self.split(node, inputs);
         }
         match self.given(node, inputs)? {
-            Given::Ready(value) => Ok(vec![value]),
-            Given::Step(kind, inputs, sizes) => Ok(vec![self.step(kind, inputs, sizes)?]),
+            NodeResult::Ready(value) => Ok(vec![value]),
+            NodeResult::Step(kind, inputs, sizes) => Ok(vec![self.step(kind, inputs, sizes)?]),
         }
     }
 
@@ -225,7 +225,7 @@ impl Builder {
         }
         let output = self.made;
         self.made += 1;
-        self.drafts.push(Draft {
+        self.drafts.push(DraftStep {
             kind,
             inputs: inputs.into_iter().map(|i| i.content).collect(),
             output,
@@ -255,9 +255,9 @@ impl Builder {
             };
             let is_add = matches!(
                 self.drafts[at].kind,
-                Kind::Other(Op::Pair { kind: Pair::Add, spread: [Spread::Same, Spread::Same] })
+                Kind::Other(Op::BinaryOp { kind: BinaryOp::Add, spread: [Spread::Same, Spread::Same] })
             );
-            let is_relu = matches!(self.drafts[at].kind, Kind::Other(Op::Each(Each::Relu)));
+            let is_relu = matches!(self.drafts[at].kind, Kind::Other(Op::UnaryOp(UnaryOp::Relu)));
             let plain = |maker: &usize| {
                 let before = &self.drafts[*maker];
                 matches!(&before.kind, Kind::Conv(conv) if !conv.relu && (is_relu || before.inputs.len() == 1))
@@ -292,7 +292,8 @@ impl Builder {
 
     /// The plan: who uses which buffer until when.
     fn finished(self, result: Content, shapes: [[usize; 4]; 2], threads: usize) -> Outcome<Plan> {
-        let drafts: Vec<Draft> = self.drafts.into_iter().filter(|d| !matches!(d.kind, Kind::Gone)).collect();
+        let drafts: Vec<DraftStep> =
+            self.drafts.into_iter().filter(|d| !matches!(d.kind, Kind::Gone)).collect();
         let mut last = vec![0; self.made];
         for (at, draft) in drafts.iter().enumerate() {
             for input in &draft.inputs {
@@ -321,7 +322,7 @@ impl Builder {
         };
         let mut steps = Vec::new();
         for (at, draft) in drafts.into_iter().enumerate() {
-            let Draft { kind, inputs, output, len } = draft;
+            let DraftStep { kind, inputs, output, len } = draft;
             let buffer = match best_of(&free, &buffers, len) {
                 Some(place) => free.swap_remove(place),
                 None => {
@@ -402,16 +403,16 @@ fn at_once(op: &Op, inputs: &[Rc<Data>], len: usize) -> Outcome<Data> {
     match op {
         Op::Take(places) => ops::take(whole[0], places, &mut out),
         Op::Join(parts) => ops::join(&whole, parts, &mut out),
-        Op::Pair { kind, spread } if whole.len() == 2 => {
+        Op::BinaryOp { kind, spread } if whole.len() == 2 => {
             let at = |number: usize, n: usize| whole[number][spread[number].place(n, whole[number].len())];
             for (n, out) in out.iter_mut().enumerate() {
                 let (a, b) = (at(0, n), at(1, n));
                 let value = match kind {
-                    Pair::Add => a.checked_add(b),
-                    Pair::Sub => a.checked_sub(b),
-                    Pair::Mul => a.checked_mul(b),
-                    Pair::Div => a.checked_div(b),
-                    Pair::Pow => None,
+                    BinaryOp::Add => a.checked_add(b),
+                    BinaryOp::Sub => a.checked_sub(b),
+                    BinaryOp::Mul => a.checked_mul(b),
+                    BinaryOp::Div => a.checked_div(b),
+                    BinaryOp::Pow => None,
                 };
                 *out = value.ok_or_else(|| bad("a whole number that is none"))?;
             }

@@ -50,16 +50,16 @@ impl Window {
 
 /// What is done to a sum before it is stored.
 #[derive(Clone, Copy)]
-pub(crate) struct After<'a> {
+pub(crate) struct Epilogue<'a> {
     /// Added: a map of the same size, or of half of it in both directions, each of whose values counts for four.
-    pub add: Option<Added<'a>>,
+    pub add: Option<AddedMap<'a>>,
     /// Negative ones become 0.
     pub relu: bool,
 }
 
 /// A map that is added.
 #[derive(Clone, Copy)]
-pub(crate) struct Added<'a> {
+pub(crate) struct AddedMap<'a> {
     pub values: &'a [f32],
     pub halved: bool,
 }
@@ -132,7 +132,7 @@ impl Conv {
     }
 
     /// Fills the output, with as many threads as there is memory for.
-    pub fn run(&self, input: &[f32], after: After<'_>, out: &mut [f32], scratch: &mut [Scratch]) {
+    pub fn run(&self, input: &[f32], after: Epilogue<'_>, out: &mut [f32], scratch: &mut [Scratch]) {
         let [channels, rows, columns] = self.output;
         // A thread costs some microseconds to wake; less work than this is done before it comes.
         const LEAST: usize = 1 << 20;
@@ -164,7 +164,7 @@ impl Conv {
 struct Rows<'a> {
     conv: &'a Conv,
     input: &'a [f32],
-    after: After<'a>,
+    after: Epilogue<'a>,
     /// The first of them.
     first: usize,
     planes: Vec<&'a mut [f32]>,
@@ -279,18 +279,18 @@ impl Conv {
 
     /// A row of sums to a row of the output.
     #[inline(always)]
-    fn finish(&self, after: After<'_>, [channel, row]: [usize; 2], sums: &[f32], to: &mut [f32]) {
+    fn finish(&self, after: Epilogue<'_>, [channel, row]: [usize; 2], sums: &[f32], to: &mut [f32]) {
         let [_, rows, columns] = self.output;
         let least = if after.relu { 0.0 } else { f32::NEG_INFINITY };
         // Not `max`: what is no number must stay so and be found at the end.
         let kept = |v: f32| if v < least { least } else { v };
         match after.add {
             None => to.iter_mut().zip(sums).for_each(|(to, sum)| *to = kept(*sum)),
-            Some(Added { values, halved: false }) => {
+            Some(AddedMap { values, halved: false }) => {
                 let values = &values[(channel * rows + row) * columns..][..columns];
                 to.iter_mut().zip(sums).zip(values).for_each(|((to, sum), v)| *to = kept(*sum + v));
             }
-            Some(Added { values, halved: true }) => {
+            Some(AddedMap { values, halved: true }) => {
                 let values = &values[(channel * (rows / 2) + row / 2) * (columns / 2)..][..columns / 2];
                 let pairs = to.as_chunks_mut::<2>().0.iter_mut().zip(sums.as_chunks::<2>().0);
                 pairs.zip(values).for_each(|((to, sums), v)| *to = sums.map(|sum| kept(sum + v)));
@@ -371,7 +371,7 @@ mod tests {
     use pulp::Scalar;
 
     /// The sum as it is written, in f64.
-    fn naive(conv: &Conv, weights: &[f32], bias: &[f32], input: &[f32], after: After<'_>) -> Vec<f64> {
+    fn naive(conv: &Conv, weights: &[f32], bias: &[f32], input: &[f32], after: Epilogue<'_>) -> Vec<f64> {
         let Window { size, strides, dilations, pads } = conv.window.clone();
         let ([channels, rows, columns], [outputs, out_rows, out_columns]) = (conv.input, conv.output);
         let mut out = Vec::new();
@@ -395,8 +395,8 @@ mod tests {
                     }
                     sum += match after.add {
                         None => 0.0,
-                        Some(Added { values, halved: false }) => f64::from(values[out.len()]),
-                        Some(Added { values, halved: true }) => {
+                        Some(AddedMap { values, halved: false }) => f64::from(values[out.len()]),
+                        Some(AddedMap { values, halved: true }) => {
                             f64::from(values[(o * (out_rows / 2) + y / 2) * (out_columns / 2) + x / 2])
                         }
                     };
@@ -442,7 +442,7 @@ mod tests {
             let (bias, picture) = (numbers(outputs, seed + 1), numbers(input.0 * input.1 * input.2, seed + 2));
             let halved = add == 2 && rows % 2 == 0 && columns % 2 == 0;
             let values = numbers(outputs * rows * columns, seed + 3);
-            let after = After { add: (add > 0).then_some(Added { values: &values, halved }), relu };
+            let after = Epilogue { add: (add > 0).then_some(AddedMap { values: &values, halved }), relu };
             let conv = Conv::new(window, input_sizes, output, &weights, &bias);
             let due = naive(&conv, &weights, &bias, &picture, after);
             let mut out = vec![f32::NAN; conv.output_len()];
@@ -468,7 +468,7 @@ mod tests {
             let conv = Conv::new(window.clone(), sizes, [20, rows, 129], &weights, &numbers(20, 3));
             let run = |threads| {
                 let mut out = vec![f32::NAN; conv.output_len()];
-                conv.run(&picture, After { add: None, relu: true }, &mut out, &mut scratch(threads));
+                conv.run(&picture, Epilogue { add: None, relu: true }, &mut out, &mut scratch(threads));
                 out
             };
             let one = run(1);
@@ -481,7 +481,7 @@ mod tests {
         let window = Window { size: [1, 1], strides: [1, 1], dilations: [1, 1], pads: [[0, 0], [0, 0]] };
         let conv = Conv::new(window, [1, 1, 2], [1, 1, 2], &[1.0], &[0.0]);
         let mut out = [0.0; 2];
-        conv.run(&[f32::NAN, -1.0], After { add: None, relu: true }, &mut out, &mut scratch(1));
+        conv.run(&[f32::NAN, -1.0], Epilogue { add: None, relu: true }, &mut out, &mut scratch(1));
         assert!(out[0].is_nan() && out[1] == 0.0, "{out:?}");
     }
 }

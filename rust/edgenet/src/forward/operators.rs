@@ -1,9 +1,9 @@
 //! The operators: what each of ONNX's nodes becomes.
 
-use super::build::{Builder, Content, ConvDraft, Given, Kind, Outcome, Value, wrong};
+use super::build::{Builder, Content, ConvDraft, Kind, NodeResult, Outcome, Value, wrong};
 use super::conv::Window;
 use super::len_of;
-use super::ops::{Between, Each, Op, Pair, Reduce};
+use super::ops::{BinaryOp, LinearSample, Op, Reduce, UnaryOp};
 use super::sizes::{all_of, axis_of, lanes, places, size_of, spread, spread_places, spread_sizes, steps_of};
 use crate::onnx::{Attribute, Data, FLOAT, Node, bad};
 
@@ -67,14 +67,14 @@ impl Builder {
     }
 
     fn picked(&mut self, input: &Value, picks: &[Vec<usize>]) -> Outcome<Value> {
-        let Given::Step(kind, inputs, sizes) = picked(input, picks)? else {
+        let NodeResult::Step(kind, inputs, sizes) = picked(input, picks)? else {
             return wrong("nothing is picked");
         };
         self.step(kind, inputs, sizes)
     }
 
     /// What a node of one output gives.
-    pub(super) fn given(&mut self, node: &Node, inputs: &[Option<Value>]) -> Outcome<Given> {
+    pub(super) fn given(&mut self, node: &Node, inputs: &[Option<Value>]) -> Outcome<NodeResult> {
         let attributes = Attributes(&node.attributes);
         let first = || needed(inputs, 0);
         let rank = inputs.first().and_then(Option::as_ref).map_or(0, |input| input.sizes.len());
@@ -88,28 +88,32 @@ impl Builder {
             }
         };
         let each = |kind| {
-            Ok(Given::Step(Kind::Other(Op::Each(kind)), vec![first()?.clone()], first()?.sizes.clone()))
+            Ok(NodeResult::Step(
+                Kind::Other(Op::UnaryOp(kind)),
+                vec![first()?.clone()],
+                first()?.sizes.clone(),
+            ))
         };
-        let seen_as = |sizes: Vec<usize>| -> Outcome<Given> {
+        let seen_as = |sizes: Vec<usize>| -> Outcome<NodeResult> {
             let input = first()?;
             if len_of(&sizes) != len_of(&input.sizes) {
                 return wrong(format!("{:?} cannot be seen as {sizes:?}", input.sizes));
             }
-            Ok(Given::Ready(Value { sizes, content: input.content.clone() }))
+            Ok(NodeResult::Ready(Value { sizes, content: input.content.clone() }))
         };
         match node.operator.as_str() {
             "Constant" => {
                 let tensor = attributes.find("value").and_then(|a| a.tensor.clone());
-                self.array(tensor.ok_or_else(|| bad("it has no value"))?).map(Given::Ready)
+                self.array(tensor.ok_or_else(|| bad("it has no value"))?).map(NodeResult::Ready)
             }
             "Conv" => conv(inputs, &attributes),
             "Gemm" => product(inputs, &attributes),
             "MaxPool" => max_pool(first()?, &attributes),
             "Resize" => resize(inputs, &attributes),
-            "Relu" => each(Each::Relu),
-            "Sigmoid" => each(Each::Sigmoid),
-            "Sqrt" => each(Each::Sqrt),
-            "Abs" => each(Each::Abs),
+            "Relu" => each(UnaryOp::Relu),
+            "Sigmoid" => each(UnaryOp::Sigmoid),
+            "Sqrt" => each(UnaryOp::Sqrt),
+            "Abs" => each(UnaryOp::Abs),
             "Clip" => {
                 let bound =
                     |n: usize, otherwise: f32| match optional(n).map(Value::floats).transpose()?.as_deref() {
@@ -117,13 +121,13 @@ impl Builder {
                         None => Ok(otherwise),
                         _ => wrong("its bounds are no single numbers"),
                     };
-                each(Each::Clip(bound(1, f32::NEG_INFINITY)?, bound(2, f32::INFINITY)?))
+                each(UnaryOp::Clip(bound(1, f32::NEG_INFINITY)?, bound(2, f32::INFINITY)?))
             }
-            "Add" => pair(Pair::Add, inputs),
-            "Sub" => pair(Pair::Sub, inputs),
-            "Mul" => pair(Pair::Mul, inputs),
-            "Div" => pair(Pair::Div, inputs),
-            "Pow" => pair(Pair::Pow, inputs),
+            "Add" => pair(BinaryOp::Add, inputs),
+            "Sub" => pair(BinaryOp::Sub, inputs),
+            "Mul" => pair(BinaryOp::Mul, inputs),
+            "Div" => pair(BinaryOp::Div, inputs),
+            "Pow" => pair(BinaryOp::Pow, inputs),
             "Equal" => {
                 let (a, b) = (first()?, needed(inputs, 1)?);
                 let sizes = spread_sizes(&a.sizes, &b.sizes)?;
@@ -132,7 +136,7 @@ impl Builder {
                 let (a, b) = (a.whole()?, b.whole()?);
                 let same =
                     first.iter().zip(&second).map(|(x, y)| i64::from(a[*x as usize] == b[*y as usize]));
-                Ok(Given::Ready(Value::known(sizes, Data::Whole(same.collect()))))
+                Ok(NodeResult::Ready(Value::known(sizes, Data::Whole(same.collect()))))
             }
             "Where" => {
                 let values = [first()?, needed(inputs, 1)?, needed(inputs, 2)?];
@@ -143,7 +147,7 @@ impl Builder {
                 let [condition, yes, no] = [values[0].whole()?, values[1].whole()?, values[2].whole()?];
                 let at = |values: &[i64], number: usize, n: usize| values[places[number][n] as usize];
                 let one = |n| if at(condition, 0, n) == 0 { at(no, 2, n) } else { at(yes, 1, n) };
-                Ok(Given::Ready(Value::known(sizes, Data::Whole((0..len).map(one).collect()))))
+                Ok(NodeResult::Ready(Value::known(sizes, Data::Whole((0..len).map(one).collect()))))
             }
             "ConstantOfShape" => {
                 let sizes = first()?.whole()?.iter().map(|s| size_of(*s)).collect::<Outcome<Vec<_>>>()?;
@@ -156,7 +160,7 @@ impl Builder {
                         _ => return wrong("its value is no single number"),
                     },
                 };
-                Ok(Given::Ready(Value::known(sizes, data)))
+                Ok(NodeResult::Ready(Value::known(sizes, data)))
             }
             "Shape" => {
                 if attributes.find("start").is_some() || attributes.find("end").is_some() {
@@ -166,7 +170,7 @@ impl Builder {
                 }
                 let sizes: Vec<i64> =
                     first()?.sizes.iter().map(|s| i64::try_from(*s).unwrap_or(i64::MAX)).collect();
-                Ok(Given::Ready(Value::known(vec![sizes.len()], Data::Whole(sizes))))
+                Ok(NodeResult::Ready(Value::known(vec![sizes.len()], Data::Whole(sizes))))
             }
             "Expand" => {
                 let wanted =
@@ -174,7 +178,7 @@ impl Builder {
                 let sizes = spread_sizes(&first()?.sizes, &wanted)?;
                 self.count(&sizes)?;
                 let places = spread_places(&first()?.sizes, &sizes);
-                Ok(Given::Step(Kind::Other(Op::Take(places)), vec![first()?.clone()], sizes))
+                Ok(NodeResult::Step(Kind::Other(Op::Take(places)), vec![first()?.clone()], sizes))
             }
             "Transpose" => {
                 let input = first()?;
@@ -189,7 +193,7 @@ impl Builder {
                 let sizes: Vec<usize> = order.iter().map(|axis| input.sizes[*axis]).collect();
                 let steps: Vec<usize> = order.iter().map(|axis| steps[*axis]).collect();
                 let places = places(&all_of(&sizes), &steps);
-                Ok(Given::Step(Kind::Other(Op::Take(places)), vec![input.clone()], sizes))
+                Ok(NodeResult::Step(Kind::Other(Op::Take(places)), vec![input.clone()], sizes))
             }
             "Slice" => slice(inputs),
             "Gather" => {
@@ -204,13 +208,13 @@ impl Builder {
                     .iter()
                     .map(|n| axis_of(*n, input.sizes[axis]))
                     .collect::<Outcome<Vec<_>>>()?;
-                let Given::Step(kind, inputs, mut sizes) = picked(input, &picks)? else {
+                let NodeResult::Step(kind, inputs, mut sizes) = picked(input, &picks)? else {
                     return wrong("nothing is picked");
                 };
                 if chosen.sizes.is_empty() {
                     sizes.remove(axis);
                 }
-                Ok(Given::Step(kind, inputs, sizes))
+                Ok(NodeResult::Step(kind, inputs, sizes))
             }
             "Concat" => concat(inputs, &attributes),
             "ReduceMean" | "ReduceSum" | "ReduceMax" => {
@@ -235,12 +239,16 @@ impl Builder {
                         false => Some(*size),
                     });
                 let sizes = sizes.collect();
-                Ok(Given::Step(Kind::Other(Op::Reduce { kind, lanes }), vec![input.clone()], sizes))
+                Ok(NodeResult::Step(Kind::Other(Op::Reduce { kind, lanes }), vec![input.clone()], sizes))
             }
             "Softmax" => {
                 let input = first()?;
                 let lanes = lanes(&input.sizes, &[axis_of(attributes.int("axis", -1), rank)?])?;
-                Ok(Given::Step(Kind::Other(Op::Softmax(lanes)), vec![input.clone()], input.sizes.clone()))
+                Ok(NodeResult::Step(
+                    Kind::Other(Op::Softmax(lanes)),
+                    vec![input.clone()],
+                    input.sizes.clone(),
+                ))
             }
             "Identity" => seen_as(first()?.sizes.clone()),
             "Cast" => {
@@ -314,26 +322,26 @@ fn needed(inputs: &[Option<Value>], number: usize) -> Outcome<&Value> {
     inputs.get(number).and_then(Option::as_ref).ok_or_else(|| bad(format!("its input {number} is missing")))
 }
 
-fn picked(input: &Value, picks: &[Vec<usize>]) -> Outcome<Given> {
+fn picked(input: &Value, picks: &[Vec<usize>]) -> Outcome<NodeResult> {
     let sizes: Vec<usize> = picks.iter().map(Vec::len).collect();
     if len_of(&sizes).is_none() {
         return wrong(format!("an array of {sizes:?} is too large"));
     }
     let places = places(picks, &steps_of(&input.sizes));
-    Ok(Given::Step(Kind::Other(Op::Take(places)), vec![input.clone()], sizes))
+    Ok(NodeResult::Step(Kind::Other(Op::Take(places)), vec![input.clone()], sizes))
 }
 
-fn pair(kind: Pair, inputs: &[Option<Value>]) -> Outcome<Given> {
+fn pair(kind: BinaryOp, inputs: &[Option<Value>]) -> Outcome<NodeResult> {
     let (a, b) = (needed(inputs, 0)?, needed(inputs, 1)?);
     let sizes = spread_sizes(&a.sizes, &b.sizes)?;
     if len_of(&sizes).is_none() {
         return wrong(format!("an array of {sizes:?} is too large"));
     }
     let spread = [spread(&a.sizes, &sizes), spread(&b.sizes, &sizes)];
-    Ok(Given::Step(Kind::Other(Op::Pair { kind, spread }), vec![a.clone(), b.clone()], sizes))
+    Ok(NodeResult::Step(Kind::Other(Op::BinaryOp { kind, spread }), vec![a.clone(), b.clone()], sizes))
 }
 
-fn slice(inputs: &[Option<Value>]) -> Outcome<Given> {
+fn slice(inputs: &[Option<Value>]) -> Outcome<NodeResult> {
     let input = needed(inputs, 0)?;
     let rank = input.sizes.len();
     let (starts, ends) = (needed(inputs, 1)?.whole()?, needed(inputs, 2)?.whole()?);
@@ -371,7 +379,7 @@ fn slice(inputs: &[Option<Value>]) -> Outcome<Given> {
     picked(input, &picks)
 }
 
-fn concat(inputs: &[Option<Value>], attributes: &Attributes<'_>) -> Outcome<Given> {
+fn concat(inputs: &[Option<Value>], attributes: &Attributes<'_>) -> Outcome<NodeResult> {
     let first = needed(inputs, 0)?;
     let axis = axis_of(attributes.int("axis", 0), first.sizes.len())?;
     let mut sizes = first.sizes.clone();
@@ -388,7 +396,7 @@ fn concat(inputs: &[Option<Value>], attributes: &Attributes<'_>) -> Outcome<Give
         parts.push(value.sizes[axis..].iter().product());
         values.push(value.clone());
     }
-    Ok(Given::Step(Kind::Other(Op::Join(parts)), values, sizes))
+    Ok(NodeResult::Step(Kind::Other(Op::Join(parts)), values, sizes))
 }
 
 /// The window of a convolution or a pooling over one or two axes; one axis is a row.
@@ -416,7 +424,7 @@ fn window(attributes: &Attributes<'_>, size: &[usize]) -> Outcome<Window> {
     }
 }
 
-fn conv(inputs: &[Option<Value>], attributes: &Attributes<'_>) -> Outcome<Given> {
+fn conv(inputs: &[Option<Value>], attributes: &Attributes<'_>) -> Outcome<NodeResult> {
     let (input, weights) = (needed(inputs, 0)?, needed(inputs, 1)?);
     let data = weights.floats()?;
     let (&[batch, channels, ref inner @ ..], &[outputs, taken, ref size @ ..]) =
@@ -468,10 +476,10 @@ fn conv(inputs: &[Option<Value>], attributes: &Attributes<'_>) -> Outcome<Given>
         halved: false,
         relu: false,
     };
-    Ok(Given::Step(Kind::Conv(Box::new(draft)), vec![input.clone()], sizes))
+    Ok(NodeResult::Step(Kind::Conv(Box::new(draft)), vec![input.clone()], sizes))
 }
 
-fn product(inputs: &[Option<Value>], attributes: &Attributes<'_>) -> Outcome<Given> {
+fn product(inputs: &[Option<Value>], attributes: &Attributes<'_>) -> Outcome<NodeResult> {
     let (input, weights) = (needed(inputs, 0)?, needed(inputs, 1)?);
     let plain = attributes.float("alpha", 1.0) == 1.0
         && attributes.float("beta", 1.0) == 1.0
@@ -495,10 +503,10 @@ fn product(inputs: &[Option<Value>], attributes: &Attributes<'_>) -> Outcome<Giv
         return wrong(format!("weights {:?} on an input of {:?}", weights.sizes, input.sizes));
     }
     let op = Op::Product { columns: columns.clone(), bias };
-    Ok(Given::Step(Kind::Other(op), vec![input.clone()], vec![rows, outputs]))
+    Ok(NodeResult::Step(Kind::Other(op), vec![input.clone()], vec![rows, outputs]))
 }
 
-fn max_pool(input: &Value, attributes: &Attributes<'_>) -> Outcome<Given> {
+fn max_pool(input: &Value, attributes: &Attributes<'_>) -> Outcome<NodeResult> {
     let &[batch, channels, rows, columns] = input.sizes.as_slice() else { return wrong("it has no picture") };
     if rows == 0 || columns == 0 {
         return wrong("it has no picture");
@@ -512,10 +520,10 @@ fn max_pool(input: &Value, attributes: &Attributes<'_>) -> Outcome<Given> {
         return wrong("its window is larger than its input");
     };
     let op = Op::MaxPool { window, input: [rows, columns], output: [out_rows, out_columns] };
-    Ok(Given::Step(Kind::Other(op), vec![input.clone()], vec![batch, channels, out_rows, out_columns]))
+    Ok(NodeResult::Step(Kind::Other(op), vec![input.clone()], vec![batch, channels, out_rows, out_columns]))
 }
 
-fn resize(inputs: &[Option<Value>], attributes: &Attributes<'_>) -> Outcome<Given> {
+fn resize(inputs: &[Option<Value>], attributes: &Attributes<'_>) -> Outcome<NodeResult> {
     let input = needed(inputs, 0)?;
     let scales = inputs.get(2).and_then(Option::as_ref).filter(|scales| scales.sizes != [0]);
     let (sizes, scales): (Vec<usize>, Vec<f32>) = if let Some(scales) = scales {
@@ -552,20 +560,24 @@ fn resize(inputs: &[Option<Value>], attributes: &Attributes<'_>) -> Outcome<Give
             } else {
                 Kind::Other(Op::Take(places(&picks, &steps_of(&input.sizes))))
             };
-            Ok(Given::Step(kind, vec![input.clone()], sizes))
+            Ok(NodeResult::Step(kind, vec![input.clone()], sizes))
         }
         ("linear", "half_pixel") if scales.len() == 4 && sizes[..2] == input.sizes[..2] => {
-            let between = |axis: usize| -> Vec<Between> {
+            let between = |axis: usize| -> Vec<LinearSample> {
                 let last = input.sizes[axis] - 1;
                 let one = |n: usize| {
                     let at = ((n as f32 + 0.5) / scales[axis] - 0.5).clamp(0.0, last as f32);
-                    Between { first: at as usize, second: (at as usize + 1).min(last), share: at.fract() }
+                    LinearSample {
+                        first: at as usize,
+                        second: (at as usize + 1).min(last),
+                        share: at.fract(),
+                    }
                 };
                 (0..sizes[axis]).map(one).collect()
             };
             let op =
                 Op::Linear { rows: between(2), columns: between(3), input: [input.sizes[2], input.sizes[3]] };
-            Ok(Given::Step(Kind::Other(op), vec![input.clone()], sizes))
+            Ok(NodeResult::Step(Kind::Other(op), vec![input.clone()], sizes))
         }
         (mode, place) => {
             wrong(format!("the engine inside does not know it as {mode}, {place}; ONNX Runtime can run it"))

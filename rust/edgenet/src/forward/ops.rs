@@ -1,7 +1,7 @@
 //! What a step of the engine does, beside convolutions (`conv`). All sizes are fixed when the network is loaded; where a value is
 //! found that must be moved or repeated is a table made then.
 
-use super::conv::{Added, After, Conv, Scratch, Window};
+use super::conv::{AddedMap, Conv, Epilogue, Scratch, Window};
 use pulp::{Arch, Simd, WithSimd};
 
 /// One operation.
@@ -13,9 +13,9 @@ pub(crate) enum Op {
     /// Inputs one after the other, so many values of each in turn.
     Join(Vec<usize>),
     /// Two numbers make one.
-    Pair { kind: Pair, spread: [Spread; 2] },
+    BinaryOp { kind: BinaryOp, spread: [Spread; 2] },
     /// One number makes one.
-    Each(Each),
+    UnaryOp(UnaryOp),
     /// All values along some neighbouring axes make one.
     Reduce { kind: Reduce, lanes: Lanes },
     /// Exponentials, divided by their sum.
@@ -25,11 +25,11 @@ pub(crate) enum Op {
     /// The largest value of each window.
     MaxPool { window: Window, input: [usize; 2], output: [usize; 2] },
     /// Linear in rows and columns between the nearest two.
-    Linear { rows: Vec<Between>, columns: Vec<Between>, input: [usize; 2] },
+    Linear { rows: Vec<LinearSample>, columns: Vec<LinearSample>, input: [usize; 2] },
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Pair {
+pub(crate) enum BinaryOp {
     Add,
     Sub,
     Mul,
@@ -62,7 +62,7 @@ impl Spread {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Each {
+pub(crate) enum UnaryOp {
     Relu,
     Sigmoid,
     Sqrt,
@@ -86,7 +86,7 @@ pub(crate) struct Lanes {
 
 /// A place between two others.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Between {
+pub(crate) struct LinearSample {
     pub first: usize,
     pub second: usize,
     /// Weight of the second.
@@ -99,33 +99,33 @@ impl Op {
         let Some(input) = inputs.first().copied() else { return };
         match self {
             Self::Conv { conv, halved, relu } => {
-                let add = inputs.get(1).map(|values| Added { values, halved: *halved });
-                conv.run(input, After { add, relu: *relu }, out, scratch);
+                let add = inputs.get(1).map(|values| AddedMap { values, halved: *halved });
+                conv.run(input, Epilogue { add, relu: *relu }, out, scratch);
             }
             Self::Take(places) => take(input, places, out),
             Self::Join(parts) => join(inputs, parts, out),
-            Self::Pair { kind, spread } => {
+            Self::BinaryOp { kind, spread } => {
                 let Some(second) = inputs.get(1) else { return };
                 match kind {
-                    Pair::Add => pair(input, second, spread, out, |a, b| a + b),
-                    Pair::Sub => pair(input, second, spread, out, |a, b| a - b),
-                    Pair::Mul => pair(input, second, spread, out, |a, b| a * b),
-                    Pair::Div => pair(input, second, spread, out, |a, b| a / b),
-                    Pair::Pow => {
+                    BinaryOp::Add => pair(input, second, spread, out, |a, b| a + b),
+                    BinaryOp::Sub => pair(input, second, spread, out, |a, b| a - b),
+                    BinaryOp::Mul => pair(input, second, spread, out, |a, b| a * b),
+                    BinaryOp::Div => pair(input, second, spread, out, |a, b| a / b),
+                    BinaryOp::Pow => {
                         pair(input, second, spread, out, |a, b| if b == 2.0 { a * a } else { a.powf(b) })
                     }
                 }
             }
-            Self::Each(kind) => {
+            Self::UnaryOp(kind) => {
                 let all = |out: &mut [f32], f: fn(f32) -> f32| {
                     out.iter_mut().zip(input).for_each(|(out, v)| *out = f(*v));
                 };
                 match *kind {
-                    Each::Relu => all(out, |v| if v < 0.0 { 0.0 } else { v }),
-                    Each::Sigmoid => Arch::new().dispatch(Sigmoid { input, out }),
-                    Each::Sqrt => all(out, f32::sqrt),
-                    Each::Abs => all(out, f32::abs),
-                    Each::Clip(least, most) => {
+                    UnaryOp::Relu => all(out, |v| if v < 0.0 { 0.0 } else { v }),
+                    UnaryOp::Sigmoid => Arch::new().dispatch(Sigmoid { input, out }),
+                    UnaryOp::Sqrt => all(out, f32::sqrt),
+                    UnaryOp::Abs => all(out, f32::abs),
+                    UnaryOp::Clip(least, most) => {
                         // Not `clamp`, which wants ordered bounds; ONNX does not.
                         out.iter_mut().zip(input).for_each(|(out, v)| *out = v.max(least).min(most));
                     }
@@ -254,7 +254,13 @@ fn max_pool(window: &Window, input: [usize; 2], output: [usize; 2], values: &[f3
     }
 }
 
-fn linear(rows: &[Between], columns: &[Between], input: [usize; 2], values: &[f32], out: &mut [f32]) {
+fn linear(
+    rows: &[LinearSample],
+    columns: &[LinearSample],
+    input: [usize; 2],
+    values: &[f32],
+    out: &mut [f32],
+) {
     let planes = values.chunks_exact(input[0] * input[1]);
     for (values, out) in planes.zip(out.chunks_exact_mut(rows.len() * columns.len())) {
         for (y, out) in rows.iter().zip(out.chunks_exact_mut(columns.len())) {

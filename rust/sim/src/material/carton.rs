@@ -5,7 +5,7 @@ use super::edging::{APART_MM, CLOSE_MM, edging};
 use super::ink::{code, word};
 use super::kinds::{Base, CARTONS, INKS, LABELS, MARKS};
 use super::lines::false_lines;
-use super::{Art, Decal, Look, Pattern, Surface, Wrap, linear};
+use super::{Appearance, Art, Decal, Pattern, Surface, Wrap, linear};
 use crate::hazard::{Hazard, Hazards};
 use crate::rng::Rng;
 use crate::shape::{self, Shape};
@@ -18,7 +18,7 @@ use std::collections::BTreeSet;
 #[derive(Clone, Debug)]
 pub struct Carton {
     /// What it looks like.
-    pub look: Look,
+    pub look: Appearance,
     /// A word of [`CARTONS`].
     pub base: &'static str,
     /// Waves, crushed corners, and by how much film rounds the edges; bulges are not drawn here.
@@ -87,7 +87,7 @@ impl Plain {
     }
 
     /// Its look, bare; boxes of one delivery differ by a per cent.
-    pub fn look(&self, rng: &mut Rng) -> Look {
+    pub fn look(&self, rng: &mut Rng) -> Appearance {
         let surface = Surface {
             kind: self.kind,
             pattern: Pattern::Board { flute_mm: 0.0 },
@@ -96,7 +96,7 @@ impl Plain {
             strength: rng.range_f32(0.3, 0.8),
             offset: [rng.range_f32(0.0, 500.0), rng.range_f32(0.0, 500.0)],
         };
-        Look::bare(surface, self.gloss)
+        Appearance::bare(surface, self.gloss)
     }
 
     /// A carton made of it: nothing is printed, glued or wrapped on, its shape stays.
@@ -186,7 +186,7 @@ fn drawn(rng: &mut Rng, half: &Vector3<f64>, stock: &Stock, hazards: &Hazards, p
     }
     let lines = false_lines(&decals, |face| half_of(face, half));
     Carton {
-        look: Look { decals, lines, wrap, ..Look::bare(surface, gloss) },
+        look: Appearance { decals, lines, wrap, ..Appearance::bare(surface, gloss) },
         base: kind.word,
         shape,
         flap_axis: frame.flap,

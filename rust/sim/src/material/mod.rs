@@ -23,7 +23,7 @@ pub use wrap::Wrap;
 
 /// The look of one solid: the same for every frame that shows it.
 #[derive(Clone, Debug)]
-pub struct Look {
+pub struct Appearance {
     /// The bare surface.
     pub surface: Surface,
     /// What is printed, glued and strapped on, bottom first.
@@ -38,7 +38,7 @@ pub struct Look {
     pub mirror: f32,
 }
 
-impl Look {
+impl Appearance {
     /// A bare surface.
     #[must_use]
     pub const fn bare(surface: Surface, gloss: f32) -> Self {

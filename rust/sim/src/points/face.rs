@@ -5,7 +5,7 @@ use super::truth::PointFace;
 use crate::head::Head;
 use crate::pose::{Along, Crossing, FacePose, px_of};
 use crate::rng::Rng;
-use boxline::points::{SeenPoint, SeenProfile, SeenSide};
+use boxline::points::{BrightnessProfile, PointWithSigma, SidePoints};
 use boxline::{LaserId, Px};
 use nalgebra::{Matrix3, Vector3};
 
@@ -80,12 +80,12 @@ impl Noise {
 pub(super) fn see_face(rng: &mut Rng, head: &Head, pose: &FacePose, surface: &Surface) -> Option<PointFace> {
     let crossings = pose.crossings(head, 0.0, 0.0)?;
     let noise = Noise::draw(rng, (0.15, 0.5), (0.0, 0.6), (4.0, 12.0));
-    let mut stripes: [Vec<SeenPoint>; 4] = Default::default();
+    let mut stripes: [Vec<PointWithSigma>; 4] = Default::default();
     for (index, crossing) in crossings.iter().enumerate() {
         stripes[index] = see_stripe(rng, head, pose, surface, index, crossing, &noise)?;
     }
     let noise = Noise::draw(rng, (0.2, 0.7), (0.0, 0.7), (8.0, 16.0));
-    let mut sides: [SeenSide; 4] = Default::default();
+    let mut sides: [SidePoints; 4] = Default::default();
     let mut inside_mm = [0.0; 4];
     for side in 0..4 {
         (sides[side], inside_mm[side]) = see_side(rng, head, pose, surface, side, &crossings, &noise)?;
@@ -110,7 +110,7 @@ fn see_stripe(
     index: usize,
     crossing: &Crossing,
     noise: &Noise,
-) -> Option<Vec<SeenPoint>> {
+) -> Option<Vec<PointWithSigma>> {
     let plane = head.plane(index);
     // Where the laser's sheet meets the surface for a place along the stripe: Newton across it.
     let lit = |along: f64| -> Vector3<f64> {
@@ -150,7 +150,7 @@ fn beside(at: Px, next: Px, across_px: f64) -> Px {
 }
 
 /// The brightness across a side where the face has so many mm to a px.
-fn see_profile(rng: &mut Rng, picture: &EdgePicture, mm_per_px: f64, crease: bool) -> SeenProfile {
+fn see_profile(rng: &mut Rng, picture: &EdgePicture, mm_per_px: f64, crease: bool) -> BrightnessProfile {
     let sigma = rng.log_range(PROFILE_NOISE.0, PROFILE_NOISE.1) * picture.light(-PROFILE_MM / mm_per_px);
     let claimed = sigma * rng.log_range(0.7, 1.4);
     let mut chain = rng.normal();
@@ -162,7 +162,7 @@ fn see_profile(rng: &mut Rng, picture: &EdgePicture, mm_per_px: f64, crease: boo
             (picture.light(i as f64 - inside_px as f64) + sigma * chain, claimed)
         })
         .collect();
-    SeenProfile { inside_px, samples }
+    BrightnessProfile { inside_px, samples }
 }
 
 /// A side, and how far inside the sharp edge it shows, mm. Side 0 is left, 1 right, 2 up, 3 down of the face's middle.
@@ -174,7 +174,7 @@ fn see_side(
     side: usize,
     crossings: &[Crossing; 4],
     noise: &Noise,
-) -> Option<(SeenSide, f64)> {
+) -> Option<(SidePoints, f64)> {
     let axis = side / 2;
     let sign = if side.is_multiple_of(2) { -1.0 } else { 1.0 };
     let out: Vector3<f64> = pose.cam_from_face.column(axis) * sign;
@@ -223,7 +223,7 @@ fn see_side(
             points.push((beside(at, next, across_px), noise.claimed_px));
         }
     }
-    let mut seen = SeenSide { points, ..SeenSide::default() };
+    let mut seen = SidePoints { points, ..SidePoints::default() };
     if rng.chance(PROFILE_SHARE) {
         seen.profile = Some(see_profile(rng, &picture, mm_per_px / view_tan.atan().cos(), crease));
     }

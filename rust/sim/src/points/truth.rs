@@ -7,7 +7,7 @@ use crate::head::Head;
 use crate::pose::{FacePose, place_face, random_orientation};
 use crate::rng::Rng;
 use boxline::calibration::{CalibrationCovariance, CalibrationStep, moved};
-use boxline::points::{SeenPoint, SeenSide};
+use boxline::points::{PointWithSigma, SidePoints};
 use boxline::{Calibration, LaserId};
 use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, Unit, Vector3};
 
@@ -28,9 +28,9 @@ pub struct Conditions {
 #[derive(Clone, Debug)]
 pub struct PointFace {
     /// Points of the four stripes, along each.
-    pub stripes: [Vec<SeenPoint>; 4],
+    pub stripes: [Vec<PointWithSigma>; 4],
     /// The four sides: left, right, up, down.
-    pub sides: [SeenSide; 4],
+    pub sides: [SidePoints; 4],
     /// How far inside the sharp edge each shows, mm.
     pub inside_mm: [f64; 4],
 }

@@ -12,7 +12,7 @@ pub(super) const STEP: usize = 8;
 
 /// How much of the diffuse light and of each lamp arrives.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Lit {
+pub struct Illumination {
     /// Share of the sky seen.
     pub open: f32,
     /// Light of the lamps that arrives: cosine, distance and shadows counted.
@@ -21,7 +21,7 @@ pub struct Lit {
     pub shine: V3,
 }
 
-impl Lit {
+impl Illumination {
     fn brightness(&self) -> f32 {
         self.open + self.lamps.y + 0.2 * self.shine.y
     }
@@ -32,7 +32,7 @@ pub struct Grid {
     coarse: bool,
     across: usize,
     most: f32,
-    nodes: Vec<(u16, Lit)>,
+    nodes: Vec<(u16, Illumination)>,
     /// Of the cell to the right of and below each node: whether all its nodes are on one face in even light.
     even: Vec<bool>,
 }
@@ -84,7 +84,7 @@ impl Grid {
                         let n = normal(stage, solid, &hit);
                         (face_id(solid, hit.face), at(stage, solid, ray, hit.depth, n))
                     }
-                    _ => (NOTHING, Lit::default()),
+                    _ => (NOTHING, Illumination::default()),
                 });
             }
         }
@@ -106,7 +106,7 @@ impl Grid {
 
     /// Solid, face and light at the four corners of a cell that is on one face in even light.
     #[must_use]
-    pub(super) fn even_cell(&self, i: usize, j: usize) -> Option<(usize, usize, [Lit; 4])> {
+    pub(super) fn even_cell(&self, i: usize, j: usize) -> Option<(usize, usize, [Illumination; 4])> {
         let at = j * self.across + i;
         let id = usize::from(self.nodes[at].0);
         let corners = [at, at + 1, at + self.across, at + self.across + 1];
@@ -117,7 +117,7 @@ impl Grid {
     /// Light at a pixel of a face; `None` where no node of the cell is on that face, or light changes too fast.
     #[inline]
     #[must_use]
-    pub fn lit(&self, id: u16, column: usize, row: usize) -> Option<Lit> {
+    pub fn lit(&self, id: u16, column: usize, row: usize) -> Option<Illumination> {
         let (i, j) = (column / STEP, row / STEP);
         let inverse = 1.0 / STEP as f32;
         let (x, y) = ((column - i * STEP) as f32 * inverse, (row - j * STEP) as f32 * inverse);
@@ -126,7 +126,7 @@ impl Grid {
         let weights = [(1.0 - x) * (1.0 - y), x * (1.0 - y), (1.0 - x) * y, x * y];
         let cell = [&upper[0], &upper[1], &lower[0], &lower[1]];
         if self.even[at] && upper[0].0 == id {
-            let mut sum = Lit::default();
+            let mut sum = Illumination::default();
             for ((_, lit), w) in cell.iter().zip(weights) {
                 sum.open += lit.open * w;
                 sum.lamps += lit.lamps * w;
@@ -134,7 +134,7 @@ impl Grid {
             }
             return Some(sum);
         }
-        let mut sum = Lit::default();
+        let mut sum = Illumination::default();
         let mut total = 0.0;
         let (mut low, mut high) = (f32::MAX, f32::MIN);
         for ((node, lit), weight) in cell.iter().zip(weights) {
@@ -155,14 +155,14 @@ impl Grid {
             return None;
         }
         let s = 1.0 / total;
-        Some(Lit { open: sum.open * s, lamps: sum.lamps * s, shine: sum.shine * s })
+        Some(Illumination { open: sum.open * s, lamps: sum.lamps * s, shine: sum.shine * s })
     }
 }
 
 impl Grid {
     /// In small frames a thin face may lie between the nodes of its cell: one of the twelve around will do.
     #[cold]
-    fn nearby(&self, id: u16, i: usize, j: usize) -> Option<Lit> {
+    fn nearby(&self, id: u16, i: usize, j: usize) -> Option<Illumination> {
         let down = self.nodes.len() / self.across;
         let rows = j.saturating_sub(1)..(j + 3).min(down);
         rows.flat_map(|y| (i.saturating_sub(1)..(i + 3).min(self.across)).map(move |x| y * self.across + x))
@@ -173,7 +173,7 @@ impl Grid {
 
 /// Light at a hit of a solid with a normal, computed in full.
 #[must_use]
-pub fn at(stage: &Stage<'_>, own: usize, ray: V3, depth: f32, normal: V3) -> Lit {
+pub fn at(stage: &Stage<'_>, own: usize, ray: V3, depth: f32, normal: V3) -> Illumination {
     let point = ray * depth;
     let open = open(stage, own, point, normal);
     let back = -ray.unit();
@@ -182,7 +182,7 @@ pub fn at(stage: &Stage<'_>, own: usize, ray: V3, depth: f32, normal: V3) -> Lit
     let mirror = normal * (2.0 * slant) - back;
     let up = 0.5 + 0.5 * mirror.dot(stage.up);
     let around = stage.sky * up + stage.ground * (1.0 - up);
-    let mut lit = Lit {
+    let mut lit = Illumination {
         open,
         lamps: V3::default(),
         shine: around * (open * (0.06 + grazing * grazing * (1.0 - slant))),
@@ -208,8 +208,8 @@ pub fn at(stage: &Stage<'_>, own: usize, ray: V3, depth: f32, normal: V3) -> Lit
 
 /// Light at a point as if nothing stood in its way: enough for what a floor mirrors.
 #[must_use]
-pub fn unshadowed(stage: &Stage<'_>, point: V3, normal: V3) -> Lit {
-    let mut lit = Lit { open: 0.7, ..Lit::default() };
+pub fn unshadowed(stage: &Stage<'_>, point: V3, normal: V3) -> Illumination {
+    let mut lit = Illumination { open: 0.7, ..Illumination::default() };
     for lamp in &stage.lamps {
         let to = lamp.at - point;
         let distance = to.norm();

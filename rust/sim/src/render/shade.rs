@@ -1,7 +1,7 @@
 //! The colour of a hit: surface, stamps and film, diffuse light, lamps, gloss, lasers.
 
 use super::laser::{BEAMS, Spot, Trace, coated};
-use super::lit::{self, Grid, Lit, face_id};
+use super::lit::{self, Grid, Illumination, face_id};
 use super::prepare::Stage;
 use crate::material::Stamp;
 use crate::material::wrap::Glint;
@@ -16,7 +16,7 @@ const MOST_MIRRORED: f32 = 0.3;
 const LEAST_TRACE: f32 = 0.004;
 
 /// What a place of a face is like.
-pub(super) struct Coat {
+pub(super) struct SurfaceSample {
     albedo: V3,
     pub(super) gloss: f32,
     /// Share of all light that folds of film send on.
@@ -25,7 +25,7 @@ pub(super) struct Coat {
     pub(super) laser: V3,
 }
 
-impl Coat {
+impl SurfaceSample {
     /// What it sends to the camera of the diffuse light that arrives and of what a perfect coat would send on.
     #[inline]
     pub(super) fn lit(&self, arriving: V3, shine: V3) -> V3 {
@@ -43,7 +43,7 @@ impl Stage<'_> {
         (u, v): (f32, f32),
         foot: f32,
         stamps: impl Iterator<Item = &'s Stamp>,
-    ) -> Coat {
+    ) -> SurfaceSample {
         let mut albedo = self.surfaces[solid].colour(face, u, v, foot, self.photos);
         let mut gloss = self.gloss[solid];
         for stamp in stamps {
@@ -53,7 +53,7 @@ impl Stage<'_> {
             Some(wrap) => wrap.lay(face, u, v, foot, &mut albedo, &mut gloss),
             None => Glint { sheen: 0.0, laser: albedo },
         };
-        Coat { albedo, gloss, sheen, laser }
+        SurfaceSample { albedo, gloss, sheen, laser }
     }
 
     /// Light from a hit towards the camera, in units of the film (full scale 1); without a grid, as a floor mirrors it.
@@ -92,7 +92,7 @@ impl Stage<'_> {
     }
 
     /// Light without lasers from a hit, and what the face is like there.
-    fn unlit(&self, solid: usize, hit: &Hit, ambient: V3, light: &Lit) -> (V3, Coat) {
+    fn unlit(&self, solid: usize, hit: &Hit, ambient: V3, light: &Illumination) -> (V3, SurfaceSample) {
         // A pixel covers more of a face seen at a slant; between its long and its short side.
         let foot = self.cell_per_mm * hit.depth * self.faces[solid * FACES + hit.face].stretch;
         let stamps = self.stamps[solid][hit.face].iter();

@@ -9,7 +9,7 @@ use super::{Body, Lighting, Role, View, axes, face_half, flap, room, stand};
 use crate::hazard::{Hazard, Hazards};
 use crate::head::{Beam, Head};
 use crate::material::carton::{Carton, Plain, carton};
-use crate::material::{Art, Look, Pattern};
+use crate::material::{Appearance, Art, Pattern};
 use crate::pose::{FacePose, Refuse, place_face, place_unmeasurable, random_orientation, tilted_orientation};
 use crate::rng::Rng;
 use crate::shape::Shape;
@@ -51,14 +51,14 @@ pub struct Scene {
     /// What an occluder hides of the only view's face, if there is one.
     pub hidden: Option<Hidden>,
     /// For the truth file: base, stand, neighbours.
-    pub words: Words,
+    pub words: TruthWords,
     /// Hazards that were drawn and found their place.
     pub hazards: BTreeSet<Hazard>,
 }
 
 /// Words of the truth file's notes.
 #[derive(Clone, Debug, Default)]
-pub struct Words {
+pub struct TruthWords {
     /// Base of the target.
     pub base: &'static str,
     /// Stand of the target.
@@ -79,7 +79,7 @@ impl Scene {
     pub fn materials<'s>(&'s self, stock: &'s Stock) -> BTreeSet<&'s str> {
         let photo = |index: &usize| stock.photos.all.get(*index).map(|p| p.name.as_str());
         let mut words = BTreeSet::new();
-        for Look { surface, decals, .. } in self.bodies.iter().map(|b| &b.look) {
+        for Appearance { surface, decals, .. } in self.bodies.iter().map(|b| &b.look) {
             words.insert(surface.kind);
             if let Pattern::Photo { index, .. } = &surface.pattern {
                 words.extend(photo(index));
@@ -106,7 +106,7 @@ const FAN_ENDS_SHARE: f64 = 0.3;
 const HEAD_HEIGHT_MM: (f64, f64) = (70.0, 2700.0);
 
 /// Hazards of a scene that do not lie in its cartons, before it is known which of them find their place.
-struct Drawn {
+struct SceneHazards {
     oblique: bool,
     weak_laser: bool,
     fan_end: Option<FanEnd>,
@@ -117,7 +117,7 @@ struct Drawn {
     second_bounce: bool,
 }
 
-impl Drawn {
+impl SceneHazards {
     fn new(rng: &mut Rng, plan: Plan, hazards: &Hazards) -> Self {
         let mut draw = |hazard| hazards.draw(rng, hazard);
         let oblique = draw(Hazard::Oblique) && matches!(plan, Plan::Box | Plan::Three | Plan::Face);
@@ -154,7 +154,7 @@ pub fn compose(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Scene {
 }
 
 fn attempt(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Option<Scene> {
-    let drawn = Drawn::new(&mut rng.child(), plan, &stock.hazards);
+    let drawn = SceneHazards::new(&mut rng.child(), plan, &stock.hazards);
     // A face whose stripe the laser cuts short, or of which something hides a part, stands where it could be measured.
     let spoilt_later = drawn.fan_end == Some(FanEnd::OnFace) || plan == Plan::Refused(Refuse::Hidden);
     let placing = if spoilt_later { Plan::Face } else { plan };
@@ -209,7 +209,7 @@ fn attempt(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Option<Scen
     let outdoors = light.ambient == "sun";
     let reach =
         stand.bodies.iter().fold(half.xy().norm(), |r, b| r.max((b.centre.xy() + b.half.xy()).norm()));
-    let mut words = Words { base: dressed.base, stand: stand.word, neighbours: Vec::new() };
+    let mut words = TruthWords { base: dressed.base, stand: stand.word, neighbours: Vec::new() };
     let below = stand.bodies.last().filter(|b| b.role == Role::Carton);
     let flush = |b: &&Body| faces.iter().any(|f| *f != 4 && step_mm(&target, b, *f).abs() <= 3.0);
     if below.filter(flush).is_some() {
@@ -284,7 +284,7 @@ fn hide(rng: &mut Rng, scene: &mut Scene, head: &Head, stock: &Stock) -> Option<
 }
 
 /// Light that comes by way of other surfaces, where it would be seen.
-fn detours(rng: &mut Rng, scene: &mut Scene, head: &Head, drawn: &Drawn) {
+fn detours(rng: &mut Rng, scene: &mut Scene, head: &Head, drawn: &SceneHazards) {
     let ground = floor(&scene.bodies).filter(|_| drawn.polished_floor && scene.light.ambient != "sun");
     if let Some(ground) = ground
         && scene.views.iter().any(|v| mirrored_in_view(scene, v, head, ground))
@@ -304,7 +304,7 @@ fn detours(rng: &mut Rng, scene: &mut Scene, head: &Head, drawn: &Drawn) {
 }
 
 /// What ails the beams; `None` if a fan that must end on the face cannot.
-fn beams(rng: &mut Rng, scene: &mut Scene, head: &Head, drawn: &Drawn) -> Option<()> {
+fn beams(rng: &mut Rng, scene: &mut Scene, head: &Head, drawn: &SceneHazards) -> Option<()> {
     if scene.refuse == Some(Refuse::LaserDead) {
         scene.beams[rng.below(4)].power = 0.0;
     } else if drawn.weak_laser {
@@ -485,7 +485,7 @@ pub fn empty(rng: &mut Rng, head: &Head, stock: &Stock) -> Scene {
         beams: head.beams,
         refuse: Some(Refuse::NoBox),
         hidden: None,
-        words: Words { base: "none", stand: "none", neighbours: Vec::new() },
+        words: TruthWords { base: "none", stand: "none", neighbours: Vec::new() },
         hazards: BTreeSet::new(),
     }
 }

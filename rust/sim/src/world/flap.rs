@@ -2,7 +2,7 @@
 //! closed by the other flaps, so that the box keeps its six faces.
 
 use super::{Body, Role};
-use crate::material::Look;
+use crate::material::Appearance;
 use crate::rng::Rng;
 use crate::shape::Shape;
 use crate::solid::{face_beside, face_normal, face_of};
@@ -48,7 +48,7 @@ pub fn open_flap(
             rotation: owner.rotation * turned,
             half,
             shape: Shape::rounded(0.2 * thick_mm),
-            look: Look::bare(owner.look.surface, owner.look.gloss),
+            look: Appearance::bare(owner.look.surface, owner.look.gloss),
             role: Role::Flap,
         };
         if fits(&flap) {
@@ -77,7 +77,7 @@ mod tests {
             offset: [0.0; 2],
         };
         let size = Vector3::new(600.0, 400.0, 300.0);
-        let owner = Body::upright(Vector3::zeros(), size, 0.3, Look::bare(surface, 0.02), Role::Target);
+        let owner = Body::upright(Vector3::zeros(), size, 0.3, Appearance::bare(surface, 0.02), Role::Target);
         let mut beside_front = 0;
         for seed in 0..60 {
             let flap = open_flap(&mut Rng::new(seed, 1), &owner, 2, &[3], |_| true).unwrap();

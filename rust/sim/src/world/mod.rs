@@ -19,7 +19,7 @@ pub use detour::Bounce;
 pub use light::Lighting;
 pub use occluder::Hidden;
 
-use crate::material::Look;
+use crate::material::Appearance;
 use crate::pose::FacePose;
 use crate::shape::Shape;
 use crate::solid::{Solid, face_axes, face_beside};
@@ -54,7 +54,7 @@ pub struct Body {
     /// Rounding, bulges, waves.
     pub shape: Shape,
     /// Appearance.
-    pub look: Look,
+    pub look: Appearance,
     /// Meaning.
     pub role: Role,
 }
@@ -62,7 +62,13 @@ pub struct Body {
 impl Body {
     /// An upright body, turned by `yaw_rad` about z, given by its foot (the middle of its underside).
     #[must_use]
-    pub fn upright(foot: Vector3<f64>, size: Vector3<f64>, yaw_rad: f64, look: Look, role: Role) -> Self {
+    pub fn upright(
+        foot: Vector3<f64>,
+        size: Vector3<f64>,
+        yaw_rad: f64,
+        look: Appearance,
+        role: Role,
+    ) -> Self {
         Self {
             centre: foot + Vector3::z() * (size.z / 2.0),
             rotation: Rotation3::from_axis_angle(&Vector3::z_axis(), yaw_rad).into_inner(),

@@ -4,7 +4,7 @@
 use super::stand::paint;
 use super::{Body, Role};
 use crate::hazard::Hazard;
-use crate::material::Look;
+use crate::material::Appearance;
 use crate::rng::Rng;
 use crate::shape::Shape;
 use nalgebra::Vector3;
@@ -44,7 +44,7 @@ pub(super) fn neighbours(
     target: &Target<'_>,
     wanted: &[Hazard],
     fits: impl Fn(&Body) -> bool,
-    mut dress: impl FnMut(&mut Rng, &Vector3<f64>) -> (Look, Shape),
+    mut dress: impl FnMut(&mut Rng, &Vector3<f64>) -> (Appearance, Shape),
 ) -> Vec<Neighbour> {
     let borders = |side: usize| target.faces.iter().any(|f| f / 2 != side / 2);
     let mut free: Vec<_> =
@@ -105,7 +105,7 @@ fn place(rng: &mut Rng, target: &Target<'_>, side: usize, hazard: Hazard) -> Bod
         Vector3::new(shift.x, shift.y, base_mm)
     };
     let yaw = rng.range(-1.0, 1.0) * TURN_MM / other.x.max(other.y);
-    let bare = Look::bare(paint(rng, [128; 3]), 0.0);
+    let bare = Appearance::bare(paint(rng, [128; 3]), 0.0);
     Body::upright(foot, other, yaw, bare, Role::Carton).rounded(rng.range(0.5, 3.0))
 }
 

@@ -5,7 +5,7 @@
 use super::stand::paint;
 use super::{Body, Role, View};
 use crate::head::Head;
-use crate::material::{Look, carton};
+use crate::material::{Appearance, carton};
 use crate::pose::FacePose;
 use crate::rng::Rng;
 use crate::shape::Shape;
@@ -99,7 +99,7 @@ fn gap_mm(bodies: &[Body], view: &View, pose: &FacePose) -> f64 {
 
 /// Kinds of things.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Thing {
+enum OccluderKind {
     Carton,
     Hand,
     Post,
@@ -116,7 +116,13 @@ pub(super) fn occluder(
     bulge_mm: f64,
     stock: &Stock,
 ) -> Option<(Vec<Body>, Hidden)> {
-    let thing = rng.pick([Thing::Carton, Thing::Hand, Thing::Post, Thing::Strap, Thing::Roll]);
+    let thing = rng.pick([
+        OccluderKind::Carton,
+        OccluderKind::Hand,
+        OccluderKind::Post,
+        OccluderKind::Strap,
+        OccluderKind::Roll,
+    ]);
     (0..TRIES).find_map(|_| {
         let aim = aim(rng, pose, head);
         let touching = rng.chance(0.25);
@@ -167,20 +173,26 @@ fn frame(long: Vector3<f64>, thick: Vector3<f64>) -> Matrix3<f64> {
     Matrix3::from_columns(&[x, z.cross(&x), z])
 }
 
-fn body(centre: Vector3<f64>, rotation: Matrix3<f64>, half: [f64; 3], radius_mm: f64, look: Look) -> Body {
+fn body(
+    centre: Vector3<f64>,
+    rotation: Matrix3<f64>,
+    half: [f64; 3],
+    radius_mm: f64,
+    look: Appearance,
+) -> Body {
     let half = Vector3::from(half);
     Body { centre, rotation, half, shape: Shape::rounded(radius_mm), look, role: Role::Occluder }
 }
 
 /// A round bar with round ends along z of `rotation`.
-fn bar(centre: Vector3<f64>, rotation: Matrix3<f64>, radius_mm: f64, length: f64, look: Look) -> Body {
+fn bar(centre: Vector3<f64>, rotation: Matrix3<f64>, radius_mm: f64, length: f64, look: Appearance) -> Body {
     body(centre, rotation, [radius_mm, radius_mm, length / 2.0], radius_mm, look)
 }
 
 /// The bodies of a thing that the camera sees before a point of the face, `gap_mm` in front of the face.
 fn before(
     rng: &mut Rng,
-    thing: Thing,
+    thing: OccluderKind,
     view: &View,
     pose: &FacePose,
     aim: Vector3<f64>,
@@ -198,7 +210,7 @@ fn before(
     };
     let up = if lying { away } else { Vector3::z() };
     let mut bodies = match thing {
-        Thing::Carton => {
+        OccluderKind::Carton => {
             let size = Vector3::new(
                 rng.log_range(120.0, 600.0),
                 rng.log_range(100.0, 500.0),
@@ -209,14 +221,14 @@ fn before(
             // So that one of its edges, not its middle, comes to lie before the point.
             let aside =
                 away.cross(&out) * rng.range(-0.4, 0.4) * size.x + away * rng.range(0.2, 0.5) * size.x;
-            let bare = Look::bare(paint(rng, [128; 3]), 0.0);
+            let bare = Appearance::bare(paint(rng, [128; 3]), 0.0);
             let one = body(at + aside, turned, (size / 2.0).into(), rng.range(0.5, 3.0), bare);
             vec![Body { role: Role::Carton, ..one }]
         }
-        Thing::Hand => hand(rng, at, away, out),
-        Thing::Post => {
+        OccluderKind::Hand => hand(rng, at, away, out),
+        OccluderKind::Post => {
             let colour = rng.pick([[150, 152, 154], [40, 78, 150], [214, 104, 28], [52, 54, 58]]);
-            let look = Look::bare(paint(rng, colour), rng.range_f32(0.1, 0.3));
+            let look = Appearance::bare(paint(rng, colour), rng.range_f32(0.1, 0.3));
             let (radius, length) = (rng.range(11.0, 25.0), rng.range(900.0, 1900.0));
             let along = if lying { away.cross(&out) + away * (0.4 * rng.normal()) } else { up };
             let rotation = frame(along, out);
@@ -226,10 +238,10 @@ fn before(
                 body(at, rotation, [radius, radius, length / 2.0], 3.0, look)
             }]
         }
-        Thing::Strap => {
+        OccluderKind::Strap => {
             let colour =
                 rng.pick([[28, 28, 30], [230, 190, 40], [190, 170, 130], [200, 40, 36], [40, 70, 160]]);
-            let look = Look::bare(paint(rng, colour), rng.range_f32(0.03, 0.15));
+            let look = Appearance::bare(paint(rng, colour), rng.range_f32(0.03, 0.15));
             let (half, length) = (rng.range(10.0, 26.0), rng.range(400.0, 2000.0));
             let swing = if lying { 0.4 } else { 0.08 };
             let long = up + away.cross(&out) * (rng.normal() * swing);
@@ -238,10 +250,10 @@ fn before(
             let centre = at + long.normalize() * (length * rng.range(0.0, 0.45));
             vec![body(centre, turn * frame(long, out), [half, 1.2, length / 2.0], 0.5, look)]
         }
-        Thing::Roll => roll(rng, at, away, out),
+        OccluderKind::Roll => roll(rng, at, away, out),
     };
     // A box on top lies there.
-    let gap = if lying && thing == Thing::Carton { gap.min(1.0) } else { gap };
+    let gap = if lying && thing == OccluderKind::Carton { gap.min(1.0) } else { gap };
     // Along the line of sight, so that it stays before its point, until its nearest part is where it should be.
     let towards = (view.camera_mm - at).normalize();
     let way = (gap - gap_mm(&bodies, view, pose)) / towards.dot(&out);
@@ -252,7 +264,7 @@ fn before(
     for body in &mut bodies {
         body.centre += towards * way;
     }
-    if !lying && matches!(thing, Thing::Carton | Thing::Post) {
+    if !lying && matches!(thing, OccluderKind::Carton | OccluderKind::Post) {
         stand_up(rng, &mut bodies, &(at + towards * way));
     }
     for body in bodies.iter_mut().filter(|b| b.role == Role::Carton) {
@@ -277,7 +289,7 @@ fn stand_up(rng: &mut Rng, bodies: &mut [Body], point: &Vector3<f64>) {
 fn hand(rng: &mut Rng, at: Vector3<f64>, away: Vector3<f64>, out: Vector3<f64>) -> Vec<Body> {
     let tone = rng.pick([[224, 178, 150], [196, 145, 120], [141, 96, 70], [92, 62, 46]]);
     let sleeve = rng.pick([tone, tone, [40, 52, 80], [62, 64, 68], [226, 120, 30], [180, 178, 172]]);
-    let mut skin = |rgb| Look::bare(paint(rng, rgb), 0.04);
+    let mut skin = |rgb| Appearance::bare(paint(rng, rgb), 0.04);
     let (skin, cloth) = (skin(tone), skin(sleeve));
     let size = rng.range(0.88, 1.12);
     let aside = Rotation3::new(out * rng.range(-0.9, 0.9));
@@ -303,8 +315,8 @@ fn hand(rng: &mut Rng, at: Vector3<f64>, away: Vector3<f64>, out: Vector3<f64>) 
 fn roll(rng: &mut Rng, at: Vector3<f64>, away: Vector3<f64>, out: Vector3<f64>) -> Vec<Body> {
     const BARS: usize = 6;
     let film = rng.pick([[214, 220, 224], [214, 220, 224], [34, 34, 37], [70, 120, 160]]);
-    let look = Look::bare(paint(rng, film), rng.range_f32(0.25, 0.45));
-    let tube = Look::bare(paint(rng, [150, 116, 80]), 0.03);
+    let look = Appearance::bare(paint(rng, film), rng.range_f32(0.25, 0.45));
+    let tube = Appearance::bare(paint(rng, [150, 116, 80]), 0.03);
     let (radius, length) = (rng.range(45.0, 110.0), rng.range(250.0, 500.0));
     let axis = away * rng.normal() + away.cross(&out) * rng.normal() + out * (0.25 * rng.normal());
     let rotation = frame(axis, out);

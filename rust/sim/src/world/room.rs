@@ -4,7 +4,7 @@ use super::stand::{paint, wood};
 use super::{Body, Role};
 use crate::material::carton::{Carton, carton};
 use crate::material::kinds::{FLOORS, Ground, WALLS, Wall, YARDS};
-use crate::material::{Look, Pattern, Surface, linear};
+use crate::material::{Appearance, Pattern, Surface, linear};
 use crate::rng::Rng;
 use crate::shape::Shape;
 use crate::stock::{Kind, Stock};
@@ -100,11 +100,11 @@ pub fn shell(rng: &mut Rng, outdoors: bool, faces: &[usize], reach: f64, stock: 
         Vector3::new(0.0, 0.0, -100.0),
         Vector3::new(wide * 2.0, wide * 2.0, 100.0),
         rng.range(-0.6, 0.6),
-        Look::bare(surface, gloss),
+        Appearance::bare(surface, gloss),
         Role::Room,
     )];
     let mut wall = |rng: &mut Rng, at: Vector3<f64>, size: Vector3<f64>| {
-        let look = Look::bare(wall_surface(rng, stock), rng.range_f32(0.01, 0.06));
+        let look = Appearance::bare(wall_surface(rng, stock), rng.range_f32(0.01, 0.06));
         bodies.push(Body::upright(at, size, rng.normal() * 0.03, look, Role::Room));
     };
     let height = rng.range(3500.0, 7000.0);
@@ -128,7 +128,7 @@ pub fn shell(rng: &mut Rng, outdoors: bool, faces: &[usize], reach: f64, stock: 
         }
         // Lamps may hang above it in the model: bodies of this size cast no shadows.
         let rgb = rng.pick([[205, 206, 202], [150, 152, 152], [92, 94, 98]]);
-        let look = Look::bare(paint(rng, rgb), 0.02);
+        let look = Appearance::bare(paint(rng, rgb), 0.02);
         let foot = Vector3::new(0.0, 0.0, height);
         bodies.push(Body::upright(foot, Vector3::new(wide, wide, 100.0), 0.0, look, Role::Room));
     }
@@ -172,9 +172,9 @@ pub fn clutter(rng: &mut Rng, reach: f64, outdoors: bool, stock: &Stock) -> Vec<
 /// A pallet rack: uprights, beams, boxes on them.
 fn rack(rng: &mut Rng, reach: f64, stock: &Stock, bodies: &mut Vec<Body>) {
     let upright_rgb = rng.pick([[38, 78, 150], [60, 62, 66], [150, 152, 154]]);
-    let upright = Look::bare(paint(rng, upright_rgb), 0.1);
+    let upright = Appearance::bare(paint(rng, upright_rgb), 0.1);
     let beam_rgb = rng.pick([[214, 104, 28], [220, 170, 40], [190, 60, 40]]);
-    let beam = Look::bare(paint(rng, beam_rgb), 0.15);
+    let beam = Appearance::bare(paint(rng, beam_rgb), 0.15);
     let y = reach + rng.range(250.0, 2200.0);
     let x0 = rng.range(-3200.0, -1200.0);
     let bay = rng.range(1500.0, 2700.0);

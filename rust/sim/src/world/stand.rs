@@ -3,7 +3,7 @@
 use super::{Body, Role};
 use crate::material::carton::{Carton, carton};
 use crate::material::kinds::WOODS;
-use crate::material::{Look, Pattern, Surface, linear};
+use crate::material::{Appearance, Pattern, Surface, linear};
 use crate::rng::Rng;
 use crate::shape::Shape;
 use crate::stock::{Kind, Stock};
@@ -86,10 +86,10 @@ fn table(rng: &mut Rng, size: &Vector3<f64>, stock: &Stock) -> Stand {
         if rng.chance(0.3) { 0.5 * (deep - size.y) + rng.normal() * 3.0 } else { 0.4 * (deep - size.y) };
     let at = Vector3::new(rng.range(-0.3, 0.3) * (wide - size.x), back, 0.0);
     let plate = Vector3::new(wide, deep, 30.0);
-    let look = Look::bare(surface, gloss);
+    let look = Appearance::bare(surface, gloss);
     let mut bodies =
         vec![Body::upright(at + Vector3::z() * (top_mm - 30.0), plate, 0.0, look, Role::Stand).rounded(2.0)];
-    let leg = Look::bare(paint(rng, [60, 62, 66]), 0.1);
+    let leg = Appearance::bare(paint(rng, [60, 62, 66]), 0.1);
     for (sx, sy) in [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)] {
         let foot = at + Vector3::new(sx * (wide / 2.0 - 60.0), sy * (deep / 2.0 - 60.0), 0.0);
         let size = Vector3::new(45.0, 45.0, top_mm - 30.0);
@@ -113,7 +113,7 @@ fn pallet(rng: &mut Rng, size: &Vector3<f64>, stock: &Stock) -> Stand {
         let mut surface = main;
         surface.offset = [rng.range_f32(0.0, 900.0), rng.range_f32(0.0, 900.0)];
         surface.base = surface.base * rng.range_f32(0.85, 1.12);
-        let look = Look::bare(surface, 0.02);
+        let look = Appearance::bare(surface, 0.02);
         bodies.push(Body::upright(at + foot, size, yaw, look, Role::Stand).rounded(1.5));
     };
     let z = Vector3::z();
@@ -149,11 +149,11 @@ fn shelf(rng: &mut Rng, size: &Vector3<f64>, stock: &Stock) -> Stand {
         at + Vector3::z() * (top_mm - 20.0),
         Vector3::new(wide, deep, 20.0),
         0.0,
-        Look::bare(surface, 0.04),
+        Appearance::bare(surface, 0.04),
         Role::Stand,
     )];
     let rgb = rng.pick([[212, 105, 30], [40, 80, 150], [140, 140, 142]]);
-    let bar = Look::bare(paint(rng, rgb), 0.15);
+    let bar = Appearance::bare(paint(rng, rgb), 0.15);
     let foot = at + Vector3::new(0.0, -deep / 2.0 - 20.0, top_mm - 95.0);
     bodies.push(Body::upright(foot, Vector3::new(wide, 40.0, 90.0), 0.0, bar, Role::Stand).rounded(2.0));
     Stand { bodies, top_mm, word: "shelf" }

@@ -6,7 +6,7 @@ use super::light::lighting;
 use super::stand::{Stand, paint, stand};
 use super::{Body, Role, Scene, View, compose, face_half, room};
 use crate::head::Head;
-use crate::material::Look;
+use crate::material::Appearance;
 use crate::material::carton::{Carton, plain_edged};
 use crate::pose::{FacePose, place_by_hand, random_orientation};
 use crate::rng::Rng;
@@ -42,7 +42,7 @@ pub enum Finish {
 
 /// How a face is looked at.
 #[derive(Clone, Copy, Debug)]
-pub enum Aim {
+pub enum ViewDirection {
     /// In this pose.
     At(FacePose),
     /// As a courier would, up to so many degrees from straight on.
@@ -65,7 +65,7 @@ pub struct Order {
     /// drawn. mm.
     pub column_mm: Option<f64>,
     /// One view each: which face (numbers as in [`crate::solid`]), and how it is looked at.
-    pub views: Vec<(usize, Aim)>,
+    pub views: Vec<(usize, ViewDirection)>,
 }
 
 /// Draws until everything fits; give up after so many.
@@ -104,8 +104,8 @@ fn attempt(rng: &mut Rng, head: &Head, order: &Order, stock: &Stock) -> Option<S
             stands_free(head, &view, &pose, &stand.bodies).then_some(view)
         };
         views.push(match aim {
-            Aim::At(pose) => free(pose)?,
-            Aim::ByHand { most_deg } => (0..PLACES).find_map(|_| {
+            ViewDirection::At(pose) => free(pose)?,
+            ViewDirection::ByHand { most_deg } => (0..PLACES).find_map(|_| {
                 let cam_from_face = random_orientation(rng, face != 4, most_deg);
                 let size = face_half(&half, face).map(|h| 2.0 * h);
                 place_by_hand(rng, head, size, cam_from_face).and_then(free)
@@ -140,7 +140,7 @@ fn attempt(rng: &mut Rng, head: &Head, order: &Order, stock: &Stock) -> Option<S
     let fixed = bodies.len();
     bodies.extend(room::shell(rng, false, &faces, half.y + 700.0, stock));
     bodies.extend(room::clutter(rng, reach, false, stock));
-    let words = compose::Words { base: carton.base, stand: stand.word, neighbours: Vec::new() };
+    let words = compose::TruthWords { base: carton.base, stand: stand.word, neighbours: Vec::new() };
     let mut scene = Scene {
         bodies,
         target: Some(0),
@@ -161,7 +161,7 @@ fn attempt(rng: &mut Rng, head: &Head, order: &Order, stock: &Stock) -> Option<S
 fn column(rng: &mut Rng, size_mm: &Vector3<f64>, height_mm: f64) -> Stand {
     let narrower = Vector3::new(2.0 * COLUMN_INSET_MM, 2.0 * COLUMN_INSET_MM, 0.0);
     let size = Vector3::new(size_mm.x, size_mm.y, height_mm) - narrower;
-    let look = Look::bare(paint(rng, [120, 122, 124]), 0.05);
+    let look = Appearance::bare(paint(rng, [120, 122, 124]), 0.05);
     let body = Body::upright(Vector3::zeros(), size, 0.0, look, Role::Stand);
     Stand { bodies: vec![body], top_mm: height_mm, word: "column" }
 }
@@ -224,7 +224,7 @@ mod tests {
     use crate::pose::place_seen_from;
     use crate::stock::Split;
 
-    fn order(views: Vec<(usize, Aim)>) -> Order {
+    fn order(views: Vec<(usize, ViewDirection)>) -> Order {
         let size_mm = Vector3::new(800.0, 500.0, 600.0);
         Order { size_mm, bulge_mm: 3.0, finish: Finish::AsDrawn, column_mm: None, views }
     }
@@ -234,9 +234,10 @@ mod tests {
         let head = Head::nominal().unwrap();
         let stock = Stock::new(Split::HeldOut);
         let tilted = place_seen_from(&head, [800.0, 600.0], [20.0, 10.0], 45.0).unwrap();
-        let by_hand = Aim::ByHand { most_deg: 25.0 };
+        let by_hand = ViewDirection::ByHand { most_deg: 25.0 };
         let mut rng = Rng::new(1, 0);
-        let scene = twin(&mut rng, &head, &order(vec![(3, Aim::At(tilted)), (0, by_hand)]), &stock).unwrap();
+        let scene = twin(&mut rng, &head, &order(vec![(3, ViewDirection::At(tilted)), (0, by_hand)]), &stock)
+            .unwrap();
         let target = &scene.bodies[0];
         let first = target.face(3, &scene.views[0]);
         assert_eq!(first.size_mm(), [800.0, 600.0]);
@@ -257,7 +258,7 @@ mod tests {
     fn on_a_column_a_face_is_seen_from_sixty_degrees_below() {
         let head = Head::nominal().unwrap();
         let below = place_seen_from(&head, [800.0, 600.0], [0.0, -60.0], 45.0).unwrap();
-        let raised = Order { column_mm: Some(1000.0), ..order(vec![(3, Aim::At(below))]) };
+        let raised = Order { column_mm: Some(1000.0), ..order(vec![(3, ViewDirection::At(below))]) };
         let scene = twin(&mut Rng::new(2, 0), &head, &raised, &Stock::new(Split::HeldOut)).unwrap();
         assert!(scene.views[0].camera_mm.z < 700.0, "{}", scene.views[0].camera_mm.z);
         assert_eq!(scene.words.stand, "column");
@@ -267,7 +268,10 @@ mod tests {
     fn a_finish_changes_the_faces_and_nothing_else() {
         let head = Head::nominal().unwrap();
         let stock = Stock::new(Split::HeldOut);
-        let views = vec![(3, Aim::ByHand { most_deg: 20.0 }), (0, Aim::ByHand { most_deg: 20.0 })];
+        let views = vec![
+            (3, ViewDirection::ByHand { most_deg: 20.0 }),
+            (0, ViewDirection::ByHand { most_deg: 20.0 }),
+        ];
         let of = |finish| {
             let order = Order { finish, ..order(views.clone()) };
             twin(&mut Rng::new(3, 0), &head, &order, &stock).unwrap()

@@ -1,7 +1,7 @@
 //! What became of each shot, in a csv beside the page: one row a side, or one row for a refusal. A run that was stopped goes on from it.
 
-use super::plan::What;
-use super::series::Shot;
+use super::plan::Experiment;
+use super::series::ShotResult;
 use crate::input::Usage;
 use anyhow::Context;
 use boxline::Estimate;
@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 /// Table, what was measured, in which way, which shot.
 type Key = (String, String, String, u64);
 
-/// The columns. `side` is in the order of [`What::sides_mm`]; a refusal has one row, with its reason in `refused`.
+/// The columns. `side` is in the order of [`Experiment::sides_mm`]; a refusal has one row, with its reason in `refused`.
 const COLUMNS: [&str; 9] =
     ["table", "what", "way", "shot", "side", "value_mm", "sigma_mm", "warned", "refused"];
 
@@ -21,10 +21,10 @@ const COLUMNS: [&str; 9] =
 pub struct Ledger {
     path: PathBuf,
     file: File,
-    shots: BTreeMap<Key, Shot>,
+    shots: BTreeMap<Key, ShotResult>,
 }
 
-fn key(what: &What, way: &str, shot: u64) -> Key {
+fn key(what: &Experiment, way: &str, shot: u64) -> Key {
     (what.table.word().to_owned(), what.name.clone(), way.to_owned(), shot)
 }
 
@@ -65,13 +65,18 @@ impl Ledger {
     }
 
     /// What became of a shot, if it was made.
-    pub fn shot(&self, what: &What, way: &str, shot: u64) -> Option<&Shot> {
+    pub fn shot(&self, what: &Experiment, way: &str, shot: u64) -> Option<&ShotResult> {
         self.shots.get(&key(what, way, shot))
     }
 
     /// Writes what became of one shot in several ways, at once.
-    pub fn add(&mut self, what: &What, shot: u64, found: Vec<(String, Shot)>) -> anyhow::Result<()> {
-        let found: Vec<(Key, Shot)> =
+    pub fn add(
+        &mut self,
+        what: &Experiment,
+        shot: u64,
+        found: Vec<(String, ShotResult)>,
+    ) -> anyhow::Result<()> {
+        let found: Vec<(Key, ShotResult)> =
             found.into_iter().map(|(way, became)| (key(what, &way, shot), became)).collect();
         let text = rows_text(found.iter().map(|(key, shot)| (key, shot)), false)?;
         self.file
@@ -96,7 +101,7 @@ fn write_whole(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
 }
 
 fn rows_text<'a>(
-    shots: impl Iterator<Item = (&'a Key, &'a Shot)>,
+    shots: impl Iterator<Item = (&'a Key, &'a ShotResult)>,
     with_head: bool,
 ) -> anyhow::Result<Vec<u8>> {
     let mut writer = csv::Writer::from_writer(Vec::new());
@@ -107,11 +112,11 @@ fn rows_text<'a>(
         let of_shot = [table.clone(), what.clone(), way.clone(), shot.to_string()];
         let mut row = |rest: [String; 5]| writer.write_record(of_shot.iter().chain(&rest));
         match became {
-            Shot::Refused(reason) => {
+            ShotResult::Refused(reason) => {
                 let [value_mm, sigma_mm] = [String::new(), String::new()];
                 row(["0".into(), value_mm, sigma_mm, false.to_string(), reason.clone()])?;
             }
-            Shot::Measured { sides, warned } => {
+            ShotResult::Measured { sides, warned } => {
                 for (i, side) in sides.iter().enumerate() {
                     let [value_mm, sigma_mm] = [side.value_mm, side.sigma_mm].map(|mm| mm.to_string());
                     row([i.to_string(), value_mm, sigma_mm, warned.to_string(), String::new()])?;
@@ -123,8 +128,8 @@ fn rows_text<'a>(
 }
 
 /// Shots of which all sides are there: a face has two, a box three, and all sides of a shot are written at once.
-fn read(text: &str) -> anyhow::Result<BTreeMap<Key, Shot>> {
-    let mut shots: BTreeMap<Key, Shot> = BTreeMap::new();
+fn read(text: &str) -> anyhow::Result<BTreeMap<Key, ShotResult>> {
+    let mut shots: BTreeMap<Key, ShotResult> = BTreeMap::new();
     let mut reader = csv::Reader::from_reader(text.as_bytes());
     for record in reader.records() {
         let record = record?;
@@ -137,22 +142,22 @@ fn read(text: &str) -> anyhow::Result<BTreeMap<Key, Shot>> {
             let estimate = Estimate::new(value_mm.parse()?, sigma_mm.parse()?);
             let (index, warned) = (side.parse::<usize>()?, warned.parse::<bool>()?);
             match shots.remove(&key) {
-                Some(Shot::Measured { mut sides, .. }) if sides.len() == index => {
+                Some(ShotResult::Measured { mut sides, .. }) if sides.len() == index => {
                     sides.push(estimate);
-                    Shot::Measured { sides, warned }
+                    ShotResult::Measured { sides, warned }
                 }
-                _ if index == 0 => Shot::Measured { sides: vec![estimate], warned },
+                _ if index == 0 => ShotResult::Measured { sides: vec![estimate], warned },
                 _ => anyhow::bail!("{fields:?}: the sides before it are missing"),
             }
         } else {
-            Shot::Refused(refused.to_owned())
+            ShotResult::Refused(refused.to_owned())
         };
         shots.insert(key, became);
     }
     let sides = |table: &str| if table == super::plan::Table::Poses.word() { 2 } else { 3 };
     shots.retain(|(table, ..), shot| match shot {
-        Shot::Measured { sides: found, .. } => found.len() == sides(table),
-        Shot::Refused(_) => true,
+        ShotResult::Measured { sides: found, .. } => found.len() == sides(table),
+        ShotResult::Refused(_) => true,
     });
     Ok(shots)
 }
@@ -162,8 +167,8 @@ mod tests {
     use super::super::plan::Table;
     use super::*;
 
-    fn what() -> What {
-        What {
+    fn what() -> Experiment {
+        Experiment {
             table: Table::Boxes,
             name: "600 x 400, \"x\"".into(),
             sides_mm: vec![600.0, 400.0, 300.0],
@@ -171,9 +176,9 @@ mod tests {
         }
     }
 
-    fn measured(value_mm: f64) -> Shot {
+    fn measured(value_mm: f64) -> ShotResult {
         let sides = [value_mm, 400.0 / 3.0, 300.0].map(|v| Estimate::new(v, 0.1 + 0.2)).to_vec();
-        Shot::Measured { sides, warned: true }
+        ShotResult::Measured { sides, warned: true }
     }
 
     #[test]
@@ -182,7 +187,7 @@ mod tests {
         let path = folder.path().join("page.csv");
         let what = what();
         let mut ledger = Ledger::open(&path, "seed 1").unwrap();
-        let refused = Shot::Refused("no_box".into());
+        let refused = ShotResult::Refused("no_box".into());
         ledger.add(&what, 0, vec![("fit".into(), measured(600.1)), ("key".into(), refused.clone())]).unwrap();
         ledger.add(&what, 1, vec![("fit".into(), measured(599.7))]).unwrap();
         let whole = std::fs::read_to_string(&path).unwrap();

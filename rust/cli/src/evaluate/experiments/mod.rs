@@ -29,16 +29,16 @@ use boxline_sim::world::twin::trembled;
 use boxline_sim::{Head, Rng, Split, Stock};
 use indicatif::{ProgressBar, ProgressStyle};
 use ledger::Ledger;
-use plan::{Subject, Table, What};
+use plan::{Experiment, Subject, Table};
 use rayon::prelude::*;
 use serde_json::{Value, json};
-use series::{Shot, Tally};
+use series::{ShotResult, Tally};
 use std::num::NonZeroUsize;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 /// A way from the picture to the millimetre.
-struct Way {
+struct Pipeline {
     /// In the csv: what its results follow from.
     id: String,
     /// On the page.
@@ -50,9 +50,9 @@ struct Way {
 }
 
 /// The product's way, the paper's chain on the product's map, and the paper's own system if its network is given.
-fn ways(args: &EvaluateArgs) -> anyhow::Result<Vec<Way>> {
+fn ways(args: &EvaluateArgs) -> anyhow::Result<Vec<Pipeline>> {
     let way =
-        |id: &str, name, method, edges, by_ihed| Way { id: id.to_owned(), name, method, edges, by_ihed };
+        |id: &str, name, method, edges, by_ihed| Pipeline { id: id.to_owned(), name, method, edges, by_ihed };
     let mut ways = vec![
         way("fit", "Fit", Method::Fit, EdgeMethod::Net, false),
         way("keypoints", "Key points", Method::Keypoints, EdgeMethod::Hough, false),
@@ -80,7 +80,7 @@ impl Nets {
         Ok(Self { boxnet, ihed })
     }
 
-    fn settings(&self, way: &Way) -> Settings<'_> {
+    fn settings(&self, way: &Pipeline) -> Settings<'_> {
         Settings {
             method: way.method,
             edges: way.edges,
@@ -97,16 +97,16 @@ struct Bench {
     stock: Stock,
     /// One for each thread.
     nets: Vec<Nets>,
-    ways: Vec<Way>,
+    ways: Vec<Pipeline>,
     seed: u64,
 }
 
 /// All that was found.
-struct Found {
+struct ExperimentResults {
     /// Of each way: id and name.
     ways: Vec<(String, &'static str)>,
     /// A tally for each way.
-    lines: Vec<(What, Vec<Tally>)>,
+    lines: Vec<(Experiment, Vec<Tally>)>,
     /// Recordings, a score for each way.
     recorded: Vec<(String, Vec<BoxScore>)>,
 }
@@ -168,7 +168,7 @@ impl Bench {
         for subject in subjects {
             for shot in 0..shots_of(subject.what.table, at_most) {
                 total += 1;
-                let ways: Vec<&Way> = self
+                let ways: Vec<&Pipeline> = self
                     .ways
                     .iter()
                     .filter(|way| ledger.shot(&subject.what, &way.id, shot).is_none())
@@ -203,9 +203,9 @@ impl Bench {
         &self,
         subject: &Subject,
         shot: u64,
-        ways: &[&Way],
+        ways: &[&Pipeline],
         nets: &Nets,
-    ) -> anyhow::Result<Vec<(String, Shot)>> {
+    ) -> anyhow::Result<Vec<(String, ShotResult)>> {
         let mut rng = Rng::new(mix(self.seed ^ mix(subject.seed)), shot);
         let scene = trembled(&mut rng, &self.head, &subject.scene);
         let mut frames = Vec::with_capacity(2);
@@ -220,20 +220,20 @@ impl Bench {
                 [first, second] => {
                     let report = measure_box(&[first, second], calibration, &settings)?;
                     match report.outcome {
-                        Outcome::Measured(m) => Shot::Measured {
+                        Outcome::Measured(m) => ShotResult::Measured {
                             sides: vec![m.length, m.width, m.height],
                             warned: !report.warnings.is_empty() || report.faces.iter().any(has_warnings),
                         },
-                        Outcome::Ambiguous(_) => Shot::Refused("ambiguous".into()),
-                        Outcome::Rejected(reject) => Shot::Refused(reject.reason().into()),
+                        Outcome::Ambiguous(_) => ShotResult::Refused("ambiguous".into()),
+                        Outcome::Rejected(reject) => ShotResult::Refused(reject.reason().into()),
                     }
                 }
                 [frame] => match measure_face(frame, calibration, &settings)?.outcome {
-                    FaceOutcome::Measured(face) => Shot::Measured {
+                    FaceOutcome::Measured(face) => ShotResult::Measured {
                         sides: vec![face.length, face.width],
                         warned: face_has_warnings(&face),
                     },
-                    FaceOutcome::Rejected(reject) => Shot::Refused(reject.reason().into()),
+                    FaceOutcome::Rejected(reject) => ShotResult::Refused(reject.reason().into()),
                 },
                 _ => anyhow::bail!("{}: a shot has one view or two", subject.what.name),
             };
@@ -274,15 +274,15 @@ impl Bench {
         at_most: Option<u64>,
         ledger: &Ledger,
         recorded: Vec<(String, Vec<BoxScore>)>,
-    ) -> Found {
+    ) -> ExperimentResults {
         let line = |subject: &Subject| {
-            let tally = |way: &Way| {
+            let tally = |way: &Pipeline| {
                 let shots = 0..shots_of(subject.what.table, at_most);
                 Tally::new(&subject.what, shots.filter_map(|shot| ledger.shot(&subject.what, &way.id, shot)))
             };
             (subject.what.clone(), self.ways.iter().map(tally).collect())
         };
-        Found {
+        ExperimentResults {
             ways: self.ways.iter().map(|way| (way.id.clone(), way.name)).collect(),
             lines: subjects.iter().map(line).collect(),
             recorded,
@@ -298,9 +298,9 @@ fn face_has_warnings(face: &FaceMeasurement) -> bool {
     !face.warnings.is_empty()
 }
 
-impl Found {
+impl ExperimentResults {
     /// The lines of a table.
-    fn of(&self, table: Table) -> impl Iterator<Item = &(What, Vec<Tally>)> + Clone {
+    fn of(&self, table: Table) -> impl Iterator<Item = &(Experiment, Vec<Tally>)> + Clone {
         self.lines.iter().filter(move |(what, _)| what.table == table)
     }
 
@@ -308,7 +308,7 @@ impl Found {
         let by_way = |tallies: &[Tally]| -> Value {
             self.ways.iter().zip(tallies).map(|((id, _), tally)| (id.clone(), tally.json())).collect()
         };
-        let line = |(what, tallies): &(What, Vec<Tally>)| {
+        let line = |(what, tallies): &(Experiment, Vec<Tally>)| {
             json!({
                 "table": what.table.word(), "what": what.name, "true_mm": what.sides_mm,
                 "distance_mm": what.distance_mm, "ways": by_way(tallies),

@@ -1,16 +1,16 @@
 //! The page `rust/EXPERIMENTS.md`: Markdown tables of what was found, the paper's figures beside it.
 
 use super::super::score::{BoxScore, PROMISE_MM};
-use super::plan::{BOX_MM, FACE_MM, MOST_DEG, PLACES, Table, What};
+use super::plan::{BOX_MM, Experiment, FACE_MM, MOST_DEG, PLACES, Table};
 use super::series::{Series, Tally};
-use super::{Found, shots_of};
+use super::{ExperimentResults, shots_of};
 use crate::args::EvaluateArgs;
 
 /// A line of a table and what each way made of it.
-type Line = (What, Vec<Tally>);
+type Line = (Experiment, Vec<Tally>);
 
 /// The whole page; `picture` is the name of figure 22's file.
-pub fn text(found: &Found, args: &EvaluateArgs, picture: &str) -> String {
+pub fn text(found: &ExperimentResults, args: &EvaluateArgs, picture: &str) -> String {
     let times = |table: Table| {
         let (shots, papers) = (shots_of(table, args.shots), table.papers_shots());
         let shots = format!("{shots} {}", if shots == 1 { "shot" } else { "shots" });
@@ -66,7 +66,7 @@ fn command(args: &EvaluateArgs) -> String {
     words.join(" ")
 }
 
-fn intro(found: &Found, args: &EvaluateArgs) -> String {
+fn intro(found: &ExperimentResults, args: &EvaluateArgs) -> String {
     let ihed = if args.ihed.is_some() {
         "is the paper's chain on the single map of its own network (`--edges hough --model ihed.onnx --method keypoints`): the \
          face's sides are lines\n  of that map too. Which stripe is which laser, and where its middle is, is found in the picture in all three."
@@ -111,7 +111,7 @@ fn signed(value: Option<f64>) -> String {
     value.map_or_else(|| "-".to_owned(), |v| format!("{v:+.2}"))
 }
 
-fn distance(what: &What) -> String {
+fn distance(what: &Experiment) -> String {
     let [least, most] = what.distance_mm.map(|mm| format!("{:.2}", mm / 1000.0));
     if least == most { least } else { format!("{least} to {most}") }
 }
@@ -122,7 +122,7 @@ fn count(tally: &Tally) -> String {
     format!("{} of {}{wrong}", tally.measured(), tally.shots)
 }
 
-fn header(found: &Found, first: &[&str], of_a_way: &[&str]) -> Vec<String> {
+fn header(found: &ExperimentResults, first: &[&str], of_a_way: &[&str]) -> Vec<String> {
     let mut header: Vec<String> = first.iter().map(|word| (*word).to_owned()).collect();
     for (_, name) in &found.ways {
         header.extend(
@@ -136,7 +136,7 @@ fn header(found: &Found, first: &[&str], of_a_way: &[&str]) -> Vec<String> {
 }
 
 /// A row a side, and one for the volume if it is wanted.
-fn by_side(found: &Found, table: Table, first: &str, with_volume: bool) -> String {
+fn by_side(found: &ExperimentResults, table: Table, first: &str, with_volume: bool) -> String {
     let mut rows = Vec::new();
     for (what, tallies) in found.of(table) {
         let names: &[&str] = if what.sides_mm.len() == 2 { &["L", "W"] } else { &["L", "W", "H"] };
@@ -167,7 +167,7 @@ fn by_side(found: &Found, table: Table, first: &str, with_volume: bool) -> Strin
 }
 
 /// A row a box, all its sides together.
-fn by_box(found: &Found, table: Table, first: &str) -> String {
+fn by_box(found: &ExperimentResults, table: Table, first: &str) -> String {
     let rows: Vec<Vec<String>> = found
         .of(table)
         .map(|(what, tallies)| {
@@ -200,7 +200,7 @@ fn spread(errors_mm: impl Iterator<Item = f64>) -> (Option<f64>, Option<f64>, us
 }
 
 /// All shots of a table, by way.
-fn summary(found: &Found, table: Table) -> String {
+fn summary(found: &ExperimentResults, table: Table) -> String {
     let mut text = String::from("\nSingle shots of this table:\n");
     for (i, (_, name)) in found.ways.iter().enumerate() {
         let lines: Vec<&Line> = found.of(table).collect();
@@ -226,7 +226,7 @@ fn summary(found: &Found, table: Table) -> String {
 }
 
 /// The recordings, if there are any.
-fn recorded(found: &Found) -> String {
+fn recorded(found: &ExperimentResults) -> String {
     if found.recorded.is_empty() {
         return String::new();
     }

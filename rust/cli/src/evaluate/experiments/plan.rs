@@ -4,7 +4,7 @@
 use anyhow::Context;
 use boxline_sim::pose::place_seen_from;
 use boxline_sim::render::sensor::Optics;
-use boxline_sim::world::twin::{Aim, BOXES_MM, Finish, Order, twin};
+use boxline_sim::world::twin::{BOXES_MM, Finish, Order, ViewDirection, twin};
 use boxline_sim::world::{Scene, View};
 use boxline_sim::{Head, Rng, Stock};
 use nalgebra::Vector3;
@@ -82,7 +82,7 @@ impl Table {
 
 /// One line of a table: what is measured again and again.
 #[derive(Clone, Debug)]
-pub struct What {
+pub struct Experiment {
     pub table: Table,
     pub name: String,
     /// True length and width of a face, or length, width, height of a box.
@@ -93,7 +93,7 @@ pub struct What {
 
 /// What is measured, where it stands and how it is looked at.
 pub struct Subject {
-    pub what: What,
+    pub what: Experiment,
     pub scene: Arc<Scene>,
     /// Views of one shot in each place: one of a face, two of a box.
     pub places: Vec<Vec<usize>>,
@@ -124,7 +124,7 @@ impl Subject {
             .flatten()
             .map(distance)
             .fold([f64::INFINITY, 0.0], |[least, most], d| [least.min(d), most.max(d)]);
-        let what = What { table, name, sides_mm: sides_mm.to_vec(), distance_mm };
+        let what = Experiment { table, name, sides_mm: sides_mm.to_vec(), distance_mm };
         Self { what, scene: Arc::clone(scene), places, optics: Optics::AsFound, seed }
     }
 }
@@ -173,7 +173,7 @@ fn poses(head: &Head, stock: &Stock, seed: u64) -> anyhow::Result<Vec<Subject>> 
     for (name, from_deg) in FROM_DEG {
         let pose = place_seen_from(head, FACE_MM, from_deg, ROLL_DEG)
             .with_context(|| format!("{name}: no distance at which all eight key points are in the frame"))?;
-        views.push((3, Aim::At(pose)));
+        views.push((3, ViewDirection::At(pose)));
     }
     let order = Order {
         size_mm: Vector3::new(FACE_MM[0], DEPTH_MM, FACE_MM[1]),
@@ -192,7 +192,7 @@ fn poses(head: &Head, stock: &Stock, seed: u64) -> anyhow::Result<Vec<Subject>> 
 /// The boxes. Front is length x width, the right side height x width.
 fn drafts() -> Vec<Draft> {
     let order = |[length, width, height]: [f64; 3], places: usize| {
-        let aim = Aim::ByHand { most_deg: MOST_DEG };
+        let aim = ViewDirection::ByHand { most_deg: MOST_DEG };
         Order {
             size_mm: Vector3::new(length, height, width),
             bulge_mm: 0.0,

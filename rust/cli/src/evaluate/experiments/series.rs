@@ -1,15 +1,15 @@
 //! A length measured again and again, and what became of all shots of one thing.
 
 use super::super::score::PROMISE_MM;
-use super::plan::What;
+use super::plan::Experiment;
 use boxline::Estimate;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
 /// What became of one shot in one way.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Shot {
-    /// Its sides, in the order of [`What::sides_mm`].
+pub enum ShotResult {
+    /// Its sides, in the order of [`Experiment::sides_mm`].
     Measured { sides: Vec<Estimate>, warned: bool },
     /// Why not.
     Refused(String),
@@ -19,7 +19,7 @@ pub enum Shot {
 #[derive(Clone, Debug)]
 pub struct Tally {
     pub shots: usize,
-    /// In the order of [`What::sides_mm`]; the same shots in each.
+    /// In the order of [`Experiment::sides_mm`]; the same shots in each.
     pub sides: Vec<Series>,
     pub refused: BTreeMap<String, usize>,
     /// Shots with a side that is off by more than the paper's promise.
@@ -29,14 +29,14 @@ pub struct Tally {
 
 impl Tally {
     /// Of all shots.
-    pub fn new<'a>(what: &What, shots: impl Iterator<Item = &'a Shot>) -> Self {
+    pub fn new<'a>(what: &Experiment, shots: impl Iterator<Item = &'a ShotResult>) -> Self {
         let sides = what.sides_mm.iter().map(|truth_mm| Series::new(*truth_mm)).collect();
         let mut tally = Self { shots: 0, sides, refused: BTreeMap::new(), wrong: 0, warned: 0 };
         for shot in shots {
             tally.shots += 1;
             match shot {
-                Shot::Refused(reason) => *tally.refused.entry(reason.clone()).or_default() += 1,
-                Shot::Measured { sides, warned } => {
+                ShotResult::Refused(reason) => *tally.refused.entry(reason.clone()).or_default() += 1,
+                ShotResult::Measured { sides, warned } => {
                     let far_off =
                         |(side, truth): (&Estimate, &f64)| (side.value_mm - truth).abs() > PROMISE_MM;
                     tally.wrong += usize::from(sides.iter().zip(&what.sides_mm).any(far_off));
@@ -144,17 +144,17 @@ mod tests {
 
     #[test]
     fn shots_are_counted_by_what_became_of_them() {
-        let what = What {
+        let what = Experiment {
             table: super::super::plan::Table::Boxes,
             name: "a box".into(),
             sides_mm: vec![200.0, 100.0, 50.0],
             distance_mm: [900.0; 2],
         };
-        let measured = |length: f64, warned| Shot::Measured {
+        let measured = |length: f64, warned| ShotResult::Measured {
             sides: [length, 100.0, 50.0].map(|v| Estimate::new(v, 0.5)).to_vec(),
             warned,
         };
-        let shots = [measured(201.0, true), Shot::Refused("no_box".into()), measured(205.1, false)];
+        let shots = [measured(201.0, true), ShotResult::Refused("no_box".into()), measured(205.1, false)];
         let tally = Tally::new(&what, shots.iter());
         assert_eq!((tally.shots, tally.measured(), tally.wrong, tally.warned), (3, 2, 1, 1));
         assert_eq!(tally.refused["no_box"], 1);

@@ -28,21 +28,21 @@ struct Subject<'a> {
     recording: &'a str,
     /// The recording's name, and the frame's where it is a single one.
     name: String,
-    due: Due<'a>,
+    due: Expected<'a>,
     frames: Vec<(&'a str, Shot<'a>, &'a Frame)>,
     calibration: &'a Calibration,
 }
 
 /// What a subject should give.
-enum Due<'a> {
+enum Expected<'a> {
     Box([f64; 3]),
     Face(&'a TruthFace),
     Refusal,
 }
 
 /// What a subject gave.
-struct Found {
-    answer: Answer,
+struct SubjectResult {
+    answer: ResultKind,
     /// Length, width and, of a box, height; empty if it was not measured.
     sides: Vec<Estimate>,
     /// What is wrong with it, in words.
@@ -50,13 +50,13 @@ struct Found {
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Answer {
+enum ResultKind {
     Measured,
     Ambiguous,
     Refused(&'static str),
 }
 
-impl Answer {
+impl ResultKind {
     const fn name(self) -> &'static str {
         match self {
             Self::Measured => "measured",
@@ -74,17 +74,17 @@ impl Answer {
 }
 
 /// A subject as it is, and after all changes that its pictures have room for.
-struct Tried {
+struct PerturbedSubject {
     recording: String,
     name: String,
     truth_mm: Vec<f64>,
-    before: Found,
-    after: Vec<(Perturbation, Found)>,
+    before: SubjectResult,
+    after: Vec<(Perturbation, SubjectResult)>,
 }
 
-impl Tried {
+impl PerturbedSubject {
     /// By how many sigmas each side moved.
-    fn moves(&self, after: &Found) -> Vec<f64> {
+    fn moves(&self, after: &SubjectResult) -> Vec<f64> {
         let pairs = self.before.sides.iter().zip(&after.sides);
         pairs.map(|(a, b)| (b.value_mm - a.value_mm) / a.sigma_mm.max(b.sigma_mm)).collect()
     }
@@ -167,11 +167,11 @@ fn subjects<'a>(recorded: &'a Recorded, calibration: &'a Calibration) -> Vec<Sub
         |name: String, due, frames| Subject { recording: &recorded.name, name, due, frames, calibration };
     if let Some(truth_mm) = recorded.true_box_mm {
         let frames = frames.map(|(_, frame)| frame).collect();
-        return vec![subject(recorded.name.clone(), Due::Box(truth_mm), frames)];
+        return vec![subject(recorded.name.clone(), Expected::Box(truth_mm), frames)];
     }
     let singles = frames.map(|(truth, frame)| {
         let refused = recorded.must_refuse || truth.refuse.is_some() || truth.size_mm.is_none();
-        let due = if refused { Due::Refusal } else { Due::Face(truth) };
+        let due = if refused { Expected::Refusal } else { Expected::Face(truth) };
         subject(format!("{} {}", recorded.name, frame.0), due, vec![frame])
     });
     singles.collect()
@@ -186,7 +186,7 @@ struct Bench<'a> {
 }
 
 impl Bench<'_> {
-    fn try_all(&self, subject: &Subject<'_>, changes: &[Perturbation]) -> anyhow::Result<Tried> {
+    fn try_all(&self, subject: &Subject<'_>, changes: &[Perturbation]) -> anyhow::Result<PerturbedSubject> {
         let whole: Vec<&Frame> = subject.frames.iter().map(|(.., frame)| *frame).collect();
         let before = self.measure(subject, &whole, None)?;
         let after = changes.par_iter().filter_map(|change| {
@@ -196,15 +196,21 @@ impl Bench<'_> {
         });
         let after = after.collect::<anyhow::Result<Vec<_>>>()?;
         let truth_mm = match &subject.due {
-            Due::Box(sides) => sides.to_vec(),
-            Due::Face(face) => face.size_mm.map_or_else(Vec::new, Vec::from),
-            Due::Refusal => Vec::new(),
+            Expected::Box(sides) => sides.to_vec(),
+            Expected::Face(face) => face.size_mm.map_or_else(Vec::new, Vec::from),
+            Expected::Refusal => Vec::new(),
         };
-        Ok(Tried { recording: subject.recording.into(), name: subject.name.clone(), truth_mm, before, after })
+        Ok(PerturbedSubject {
+            recording: subject.recording.into(),
+            name: subject.name.clone(),
+            truth_mm,
+            before,
+            after,
+        })
     }
 
     /// The result after a change; `None` if none of the pictures has room for it.
-    fn changed(&self, subject: &Subject<'_>, change: &Perturbation) -> anyhow::Result<Option<Found>> {
+    fn changed(&self, subject: &Subject<'_>, change: &Perturbation) -> anyhow::Result<Option<SubjectResult>> {
         let mut changed = Vec::new();
         for (n, (_, shot, _)) in subject.frames.iter().enumerate() {
             let seed = boxline_sim::rng::mix(self.args.seed) ^ n as u64;
@@ -224,12 +230,12 @@ impl Bench<'_> {
         subject: &Subject<'_>,
         frames: &[&Frame],
         change: Option<&Perturbation>,
-    ) -> anyhow::Result<Found> {
+    ) -> anyhow::Result<SubjectResult> {
         let edges = self.args.edges.flatten().unwrap_or_default();
         let settings = self.args.network.settings(self.method, edges, self.networks.own());
         let calibration = subject.calibration;
         let in_context = |e: boxline::Error| e.in_context(&subject.name);
-        let (found, faces, headline) = if let (Due::Box(truth_mm), [a, b]) = (&subject.due, frames) {
+        let (found, faces, headline) = if let (Expected::Box(truth_mm), [a, b]) = (&subject.due, frames) {
             let report = measure_box(&[a, b], calibration, &settings).map_err(in_context)?;
             let headline = Headline::of_box(&report.outcome);
             (of_box(&report, *truth_mm), report.faces.to_vec(), headline)
@@ -252,37 +258,43 @@ impl Bench<'_> {
 
 const SIDES: [&str; 3] = ["length", "width", "height"];
 
-fn of_box(report: &BoxReport, truth_mm: [f64; 3]) -> Found {
+fn of_box(report: &BoxReport, truth_mm: [f64; 3]) -> SubjectResult {
     match &report.outcome {
         Outcome::Measured(m) => {
             let sides = vec![m.length, m.width, m.height];
             let wrong = is_wrong_box(m, truth_mm).then(|| beside_truth(&sides, &truth_mm));
-            Found { answer: Answer::Measured, sides, wrong }
+            SubjectResult { answer: ResultKind::Measured, sides, wrong }
         }
-        Outcome::Ambiguous(_) => Found { answer: Answer::Ambiguous, sides: Vec::new(), wrong: None },
+        Outcome::Ambiguous(_) => {
+            SubjectResult { answer: ResultKind::Ambiguous, sides: Vec::new(), wrong: None }
+        }
         Outcome::Rejected(reject) => {
-            Found { answer: Answer::Refused(reject.reason()), sides: Vec::new(), wrong: None }
+            SubjectResult { answer: ResultKind::Refused(reject.reason()), sides: Vec::new(), wrong: None }
         }
     }
 }
 
-fn of_face(face: &FaceOutcome, due: &Due<'_>) -> Found {
+fn of_face(face: &FaceOutcome, due: &Expected<'_>) -> SubjectResult {
     let face = match face {
         FaceOutcome::Measured(face) => face,
         FaceOutcome::Rejected(reject) => {
-            return Found { answer: Answer::Refused(reject.reason()), sides: Vec::new(), wrong: None };
+            return SubjectResult {
+                answer: ResultKind::Refused(reject.reason()),
+                sides: Vec::new(),
+                wrong: None,
+            };
         }
     };
     let sides = vec![face.length, face.width];
     let wrong = match due {
-        Due::Face(truth) if !truth.is_wrong(face) => None,
-        Due::Face(truth) if truth.notes.click_px.is_some() => {
+        Expected::Face(truth) if !truth.is_wrong(face) => None,
+        Expected::Face(truth) if truth.notes.click_px.is_some() => {
             Some("a corner lies on another line".to_owned())
         }
-        Due::Face(TruthFace { size_mm: Some(truth_mm), .. }) => Some(beside_truth(&sides, truth_mm)),
+        Expected::Face(TruthFace { size_mm: Some(truth_mm), .. }) => Some(beside_truth(&sides, truth_mm)),
         _ => Some("measured, a refusal was due".to_owned()),
     };
-    Found { answer: Answer::Measured, sides, wrong }
+    SubjectResult { answer: ResultKind::Measured, sides, wrong }
 }
 
 /// The side that is farthest off.

@@ -1,6 +1,6 @@
 //! What came of the changes: tables for people, one JSON object, one row of CSV a side, a section of a page.
 
-use super::{Found, SIDES, Tried};
+use super::{PerturbedSubject, SIDES, SubjectResult};
 use crate::args::EvaluateArgs;
 use crate::evaluate::statistics::Share;
 use crate::evaluate::tables::table;
@@ -29,8 +29,8 @@ struct Sum {
 }
 
 impl Sum {
-    fn add(&mut self, tried: &Tried, after: &Found) {
-        let measured = |found: &Found| !found.sides.is_empty();
+    fn add(&mut self, tried: &PerturbedSubject, after: &SubjectResult) {
+        let measured = |found: &SubjectResult| !found.sides.is_empty();
         self.tried += 1;
         self.measured += usize::from(measured(&tried.before));
         self.lost += usize::from(measured(&tried.before) && !measured(after));
@@ -94,7 +94,7 @@ const HEADER: [&str; 8] = [
 ];
 
 /// Sums by something that each change has, in the order of the list of changes.
-fn sums(all: &[Tried], by: impl Fn(&Perturbation) -> String) -> Vec<(String, Sum)> {
+fn sums(all: &[PerturbedSubject], by: impl Fn(&Perturbation) -> String) -> Vec<(String, Sum)> {
     let mut sums: Vec<(String, Sum)> = Vec::new();
     for change in Perturbation::all() {
         let name = by(&change);
@@ -113,25 +113,25 @@ fn sums(all: &[Tried], by: impl Fn(&Perturbation) -> String) -> Vec<(String, Sum
     sums
 }
 
-fn by_kind(all: &[Tried]) -> Vec<(String, Sum)> {
+fn by_kind(all: &[PerturbedSubject]) -> Vec<(String, Sum)> {
     let mut kinds = sums(all, |change| change.kind().to_owned());
     kinds.extend(sums(all, |_| "all".to_owned()));
     kinds
 }
 
-fn by_change(all: &[Tried]) -> Vec<(String, Sum)> {
+fn by_change(all: &[PerturbedSubject]) -> Vec<(String, Sum)> {
     sums(all, ToString::to_string)
 }
 
 /// Results that became wrong: recording, what, change, how.
-fn became_wrong(all: &[Tried]) -> impl Iterator<Item = (&Tried, &Perturbation, &str)> {
+fn became_wrong(all: &[PerturbedSubject]) -> impl Iterator<Item = (&PerturbedSubject, &Perturbation, &str)> {
     all.iter().filter(|tried| tried.before.wrong.is_none()).flat_map(|tried| {
         tried.after.iter().filter_map(move |(change, found)| Some((tried, change, found.wrong.as_deref()?)))
     })
 }
 
 /// How many became wrong of each recording.
-fn wrong_by_recording(all: &[Tried]) -> BTreeMap<&str, usize> {
+fn wrong_by_recording(all: &[PerturbedSubject]) -> BTreeMap<&str, usize> {
     let mut counts: BTreeMap<&str, usize> = all.iter().map(|t| (t.recording.as_str(), 0)).collect();
     for (tried, ..) in became_wrong(all) {
         *counts.entry(&tried.recording).or_default() += 1;
@@ -140,8 +140,8 @@ fn wrong_by_recording(all: &[Tried]) -> BTreeMap<&str, usize> {
 }
 
 /// The results as recorded, in a sentence each.
-fn before(all: &[Tried]) -> Vec<String> {
-    let line = |tried: &Tried| {
+fn before(all: &[PerturbedSubject]) -> Vec<String> {
+    let line = |tried: &PerturbedSubject| {
         let sides = tried.before.sides.iter().map(|s| format!("{:.1} ± {:.1}", s.value_mm, s.sigma_mm));
         let sides = sides.collect::<Vec<_>>().join(" x ");
         let found = tried.before.answer.reason().map_or(sides, ToOwned::to_owned);
@@ -152,7 +152,7 @@ fn before(all: &[Tried]) -> Vec<String> {
 }
 
 /// The tables, with what became wrong at the end, where it is seen.
-pub fn text(all: &[Tried]) -> String {
+pub fn text(all: &[PerturbedSubject]) -> String {
     let mut parts = vec![format!("As recorded (mm)\n  {}", before(all).join("\n  "))];
     for (title, rows) in [("By kind of change", by_kind(all)), ("By change", by_change(all))] {
         let mut table = table(&HEADER, 1);
@@ -170,12 +170,12 @@ pub fn text(all: &[Tried]) -> String {
     parts.join("\n\n")
 }
 
-fn wrong_lines(all: &[Tried]) -> Vec<String> {
+fn wrong_lines(all: &[PerturbedSubject]) -> Vec<String> {
     became_wrong(all).map(|(tried, change, how)| format!("{}, {change}: {how}", tried.name)).collect()
 }
 
 /// Everything as one object.
-pub fn json(all: &[Tried], seed: u64) -> Value {
+pub fn json(all: &[PerturbedSubject], seed: u64) -> Value {
     let named = |rows: Vec<(String, Sum)>| -> serde_json::Map<String, Value> {
         rows.into_iter().map(|(name, sum)| (name, sum.json())).collect()
     };
@@ -191,7 +191,7 @@ pub fn json(all: &[Tried], seed: u64) -> Value {
 }
 
 /// One row a side and change; a refused result has one row without a side.
-pub fn csv(all: &[Tried], out: impl Write) -> anyhow::Result<()> {
+pub fn csv(all: &[PerturbedSubject], out: impl Write) -> anyhow::Result<()> {
     let mut rows = csv::Writer::from_writer(out);
     rows.write_record([
         "recording",
@@ -240,7 +240,7 @@ pub fn csv(all: &[Tried], out: impl Write) -> anyhow::Result<()> {
 }
 
 /// The section of a page.
-pub fn section(all: &[Tried], args: &EvaluateArgs) -> String {
+pub fn section(all: &[PerturbedSubject], args: &EvaluateArgs) -> String {
     let folders: Vec<String> = args.folders.iter().map(|f| f.display().to_string()).collect();
     let mut text = format!(
         "{HEADING}\n\n    boxline evaluate {} --perturb --seed {}\n\n\
@@ -277,22 +277,22 @@ fn share(share: &Share) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Answer;
+    use super::super::ResultKind;
     use super::*;
     use boxline::Estimate;
 
-    fn found(sides: &[(f64, f64)], wrong: bool) -> Found {
-        Found {
-            answer: if sides.is_empty() { Answer::Refused("no_box") } else { Answer::Measured },
+    fn found(sides: &[(f64, f64)], wrong: bool) -> SubjectResult {
+        SubjectResult {
+            answer: if sides.is_empty() { ResultKind::Refused("no_box") } else { ResultKind::Measured },
             sides: sides.iter().map(|(value, sigma)| Estimate::new(*value, *sigma)).collect(),
             wrong: wrong.then(|| "length 90.0".to_owned()),
         }
     }
 
     /// A measured face that moves, is lost and becomes wrong; a refused one that becomes wrong; one that is wrong from the start.
-    fn made_up() -> Vec<Tried> {
+    fn made_up() -> Vec<PerturbedSubject> {
         let changes = Perturbation::all();
-        let tried = |name: &str, before, after: Vec<Found>| Tried {
+        let tried = |name: &str, before, after: Vec<SubjectResult>| PerturbedSubject {
             recording: name.into(),
             name: format!("{name} a"),
             truth_mm: vec![100.0, 50.0],

@@ -57,7 +57,7 @@ struct Step {
 
 /// One place with what was seen there.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Place {
+pub(super) struct PathSample {
     /// Behind the measured face, mm.
     pub depth_mm: f64,
     /// To the next place, mm.
@@ -69,8 +69,8 @@ pub(super) struct Place {
 }
 
 /// The strongest line near the predicted one.
-pub(super) struct Lit {
-    pub places: Vec<Place>,
+pub(super) struct BrightLine {
+    pub places: Vec<PathSample>,
     /// Median strength up to the nearer depth.
     pub usual: f64,
     /// Of the sum up to there, in sigmas of such sums along lines beside it.
@@ -149,7 +149,7 @@ impl StripePath {
     }
 
     /// The strongest of all lines on which the stripe may run, judged up to `near_mm`.
-    pub fn brightest(&self, paper: &FramedStripe, near_mm: f64) -> Option<Lit> {
+    pub fn brightest(&self, paper: &FramedStripe, near_mm: f64) -> Option<BrightLine> {
         let first = self.steps.partition_point(|s| s.depth_mm <= 0.0);
         let last = self.steps.partition_point(|s| s.depth_mm < near_mm);
         if last < first + LEAST_PLACES {
@@ -193,12 +193,12 @@ impl StripePath {
             let peak_px = responses[i].peak_px(offset_px, 0.7 * paper.foot_px);
             let on_line = peak_px.is_some_and(|p| (p - offset_px).abs() <= NEAR_PX);
             let strength = if on_line { strength(i, offset_px) } else { 0.0 };
-            Place { depth_mm: s.depth_mm, step_mm: s.step_mm, strength, light }
+            PathSample { depth_mm: s.depth_mm, step_mm: s.step_mm, strength, light }
         };
-        let places: Vec<Place> = self.steps.iter().enumerate().map(place).collect();
+        let places: Vec<PathSample> = self.steps.iter().enumerate().map(place).collect();
         let usual = median(places[first..last].iter().map(|p| p.strength))?;
         let tried = ((2 * offs + 1) * (2 * turns + 1)) as usize;
-        (usual > 0.0).then_some(Lit { places, usual, significance: found / scatter.max(1.0), tried })
+        (usual > 0.0).then_some(BrightLine { places, usual, significance: found / scatter.max(1.0), tried })
     }
 }
 
