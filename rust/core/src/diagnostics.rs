@@ -11,7 +11,7 @@ use crate::network::StripeLight;
 use crate::rectangle::line_evidence::Evidence as LineEvidence;
 use crate::scene::lit::LitLines;
 use crate::stripe::colour_projection::ColourProjection;
-use crate::stripe::grid_search::{self, Evidence};
+use crate::stripe::grid_search::{self, Evidence, GridSearchSettings};
 pub use crate::stripe::peak::Estimator;
 use crate::stripe::trace::{ScanDirection, StripeLine, TraceSettings, measure_half_width_px, trace};
 use crate::units::{LaserId, Px};
@@ -95,8 +95,9 @@ pub struct SideLine {
 pub fn side_lines(frame: &Frame, calibration: &Calibration) -> Vec<SideLine> {
     let found = || {
         let ridges = band_maps(frame, grid_search::diagonals(calibration));
+        let grid = GridSearchSettings::default();
         let evidence = LaserId::ALL.map(|id| Evidence::ridge(&ridges[id.index() / 2]));
-        let planes = grid_search::find_planes(calibration, &evidence, grid_search::IN_RIDGES, 1);
+        let planes = grid_search::find_planes(calibration, &evidence, &grid, grid.clear, 1);
         let inner = inner_segments(frame, calibration, &planes.first()?.plane, StripeContrast::Clear)?;
         let wide = follow_stripes(frame, calibration, &inner, None)?;
         let outline = end_outline(frame, calibration, &wide).ok()?;

@@ -10,7 +10,7 @@ use crate::image::bands::band_maps;
 use crate::image::laser_response::{Diagonal, faint_ridge_map, half_laser_response};
 use crate::paper_head::paper_head;
 use crate::stripe::grid_search::{
-    Evidence, GridHypothesis, IN_FAINT_RIDGES, IN_RIDGES, climb, diagonals, find_planes,
+    Evidence, GridHypothesis, GridSearchSettings, climb, diagonals, find_planes,
 };
 use crate::units::{LaserId, Px};
 use nalgebra::Vector3;
@@ -139,12 +139,13 @@ fn planes_in(frame: &Frame, calibration: &Calibration, contrast: StripeContrast)
             diagonals.map(|d: Diagonal| faint_ridge_map(width, height, &laser_response, d))
         }
     };
+    let grid = GridSearchSettings::default();
     let evidence = LaserId::ALL.map(|id| Evidence::ridge(&ridges[id.index() / 2]));
     match contrast {
-        StripeContrast::Clear => find_planes(calibration, &evidence, IN_RIDGES, 4),
+        StripeContrast::Clear => find_planes(calibration, &evidence, &grid, grid.clear, 4),
         StripeContrast::Faint => {
-            let planes = find_planes(calibration, &evidence, IN_FAINT_RIDGES, 4);
-            planes.iter().map(|plane| climb(calibration, &evidence, plane)).collect()
+            let planes = find_planes(calibration, &evidence, &grid, grid.faint, 4);
+            planes.iter().map(|plane| climb(calibration, &evidence, &grid, plane)).collect()
         }
     }
 }

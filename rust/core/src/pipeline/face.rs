@@ -25,7 +25,7 @@ use crate::reject::Reject;
 use crate::scene::hidden::HiddenSides;
 use crate::scene::lit::LitLines;
 use crate::sides::ViewAxes;
-use crate::stripe::grid_search::{self, Evidence, GridHypothesis};
+use crate::stripe::grid_search::{self, Evidence, GridHypothesis, GridSearchSettings};
 use crate::units::{Estimate, LaserId};
 use crate::view::SideOdds;
 use std::sync::atomic::Ordering;
@@ -147,11 +147,12 @@ impl Task<'_> {
 fn face_stages(task: &Task, progress: &mut Progress) -> Result<FaceHypotheses, Reject> {
     let Task { frame, calibration, network, .. } = *task;
     let maps = network.map(|network| &network.maps);
+    let grid = GridSearchSettings::default();
     let diagonals = grid_search::diagonals(calibration);
     let ridges = band_maps(frame, diagonals);
     progress.lap("ridge");
     let planes =
-        grid_search::find_planes(calibration, &evidence(&ridges, maps), grid_search::IN_RIDGES, PLANES);
+        grid_search::find_planes(calibration, &evidence(&ridges, maps, &grid), &grid, grid.clear, PLANES);
     progress.lap("grid");
     task.tracer().planes(&ridges, &planes);
     let refusal = match measure_on_planes(task, &planes, StripeContrast::Clear, progress) {
@@ -162,15 +163,15 @@ fn face_stages(task: &Task, progress: &mut Progress) -> Result<FaceHypotheses, R
         }
         Err(refusal) => refusal,
     };
-    let missing = grid_search::three_stripes(calibration, &ridges[0], &ridges[1]);
+    let missing = grid_search::three_stripes(calibration, &ridges[0], &ridges[1], &grid);
     progress.lap("grid");
     let seen = progress.pose.take();
     let (width, height, laser_response) = half_laser_response(frame);
     let faint = diagonals.map(|d: Diagonal| faint_ridge_map(width, height, &laser_response, d));
-    let evidence = evidence(&faint, maps);
-    let planes = grid_search::find_planes(calibration, &evidence, grid_search::IN_FAINT_RIDGES, PLANES);
+    let evidence = evidence(&faint, maps, &grid);
+    let planes = grid_search::find_planes(calibration, &evidence, &grid, grid.faint, PLANES);
     let planes: Vec<GridHypothesis> =
-        planes.iter().map(|plane| grid_search::climb(calibration, &evidence, plane)).collect();
+        planes.iter().map(|plane| grid_search::climb(calibration, &evidence, &grid, plane)).collect();
     progress.lap("faint");
     task.tracer().planes(&faint, &planes);
     measure_on_planes(task, &planes, StripeContrast::Faint, progress).map_err(|faint| {
@@ -181,10 +182,14 @@ fn face_stages(task: &Task, progress: &mut Progress) -> Result<FaceHypotheses, R
 }
 
 /// What speaks for each laser's stripe.
-fn evidence<'a>(ridges: &'a [RidgeMap; 2], maps: Option<&FaceMaps>) -> [Evidence<'a>; 4] {
+fn evidence<'a>(
+    ridges: &'a [RidgeMap; 2],
+    maps: Option<&FaceMaps>,
+    grid: &GridSearchSettings,
+) -> [Evidence<'a>; 4] {
     LaserId::ALL.map(|id| {
         let ridge = &ridges[id.index() / 2];
-        maps.map_or_else(|| Evidence::ridge(ridge), |maps| Evidence::with_network(ridge, maps, id))
+        maps.map_or_else(|| Evidence::ridge(ridge), |maps| Evidence::with_network(ridge, maps, id, grid))
     })
 }
 

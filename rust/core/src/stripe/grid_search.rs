@@ -30,32 +30,98 @@ impl GridHypothesis {
     }
 }
 
-/// Distances searched, mm. The paper's range of sizes needs 0.35 to 2.45 m; beyond this the grid does not fit.
-const NEAREST_MM: f64 = 200.0;
-const FARTHEST_MM: f64 = 4000.0;
-/// Step of a crossing in the image between two levels, px: a stripe is at least 6 px wide at half its height.
-const STEP_PX: f64 = 4.0;
-/// Largest ratio of the inverse depths of two neighbouring crossings: they are 0.17 z apart, at 60 degrees of tilt 1.35.
-const MAX_RATIO: f64 = 1.5;
-/// cos of the largest tilt between the face's normal and the ray to its middle (65 degrees).
-const MIN_COS_TILT: f64 = 0.42;
-/// A first look at every so many px, straight (distortion bends a segment by 3 px at most), drops segments whose mean is
-/// below [`Least::coarse`]: noise has -0.56 with a scatter of 0.3 then, a stripe worth finding 0.3 and more.
-const COARSE_PX: f32 = 36.0;
-/// What a segment must have, sigmas of its map.
+/// Settings of the search, of its last step and of the check for a missing stripe.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Least {
+pub(crate) struct GridSearchSettings {
+    /// Nearest and farthest crossing that is searched, mm. The paper's range of sizes needs 350 to 2450 mm; beyond, the grid does not fit the
+    /// face. A wider range takes longer and finds more of the background.
+    pub range_mm: [f64; 2],
+    /// How far a crossing moves in the image from one level of inverse depth to the next, px. A stripe is at least 6 px wide at half its
+    /// height; larger steps miss narrow stripes, the time grows with the cube of smaller ones.
+    pub step_px: f64,
+    /// Largest ratio of the inverse depths of two neighbouring crossings. They are 0.17 z apart: at 60 degrees of tilt 1.35. A larger one takes
+    /// longer and finds planes that are seen edge on.
+    pub max_ratio: f64,
+    /// Cosine of the largest tilt between the face's normal and the ray to its middle (65 degrees). A larger one refuses oblique faces, a
+    /// smaller one finds planes that no face has.
+    pub min_cos_tilt: f64,
+    /// Distance of samples in a first look at each segment, px; straight, since distortion bends a segment by 3 px at most. Larger is quicker
+    /// and drops faint stripes, since fewer samples scatter more.
+    pub coarse_px: f32,
+    /// What a segment needs in the ridge maps.
+    pub clear: SegmentThresholds,
+    /// What it needs in the maps for faint stripes.
+    pub faint: SegmentThresholds,
+    /// Sigmas of ridge that one unit of the network's log-odds is worth ...
+    pub sigmas_per_logit: f32,
+    /// ... and the most units that count: two sigmas for or against, less than the three that a clear ridge has, so that neither overrules the
+    /// other alone. Larger values trust the network more.
+    pub most_logit: f32,
+    /// Two planes are one if no crossing differs by more levels than this (6 levels are 24 px). More loses a second face beside the first, fewer
+    /// fills the list with one plane.
+    pub same_levels: usize,
+    /// Steps in which a plane is moved to where its evidence is largest, px: from the search's own down to what a ridge map shows.
+    pub climb_px: [f64; 4],
+    /// Distance of samples there, px. Larger is quicker and less exact.
+    pub climb_sample_px: f32,
+    /// For a missing stripe: the share of the segment beyond a crossing that must be lit where the next crossing is not on the face. A larger one
+    /// asks for larger faces, a smaller one takes bright spots for stripes.
+    pub partial_segment: f64,
+    /// ... the strength of the full segment and of both partial ones that shows three stripes on one plane, sigmas (3 at most). A larger one says
+    /// `no_box` where one stripe is missing, a smaller one blames a laser where there is no box.
+    pub three_strength: f32,
+    /// ... the mean of a first look below which a segment is not looked at again, sigmas; it scatters by 0.3.
+    pub three_coarse: f32,
+    /// ... and how many of the strongest full segments are followed up. More takes longer.
+    pub three_keep: usize,
+}
+
+/// What a segment must have, sigmas of its map. Larger values lose faint stripes, smaller ones find planes in noise.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SegmentThresholds {
+    /// Mean in the first look.
     coarse: f32,
-    /// A segment weaker than this starts no hypothesis.
+    /// Mean; a weaker segment starts no plane.
     segment: f32,
     /// Mean of the four.
     total: f32,
 }
 
-/// Pure noise has a mean of -0.56 (a minimum of two) and, with 45 samples, a scatter of 0.15: 0.05 is four of those above.
-pub(crate) const IN_RIDGES: Least = Least { coarse: -0.25, segment: 0.05, total: 0.0 };
-/// The faint map's noise has a mean of -0.37 and the same scatter.
-pub(crate) const IN_FAINT_RIDGES: Least = Least { coarse: -0.25, segment: -0.1, total: 0.15 };
+impl GridSearchSettings {
+    pub const DEFAULT: Self = Self {
+        range_mm: [200.0, 4000.0],
+        step_px: 4.0,
+        max_ratio: 1.5,
+        min_cos_tilt: 0.42,
+        coarse_px: 36.0,
+        // Pure noise has a mean of -0.56 (a minimum of two); with 45 samples it scatters by 0.15, of which 0.05 is four above, in the first look
+        // by 0.3. A stripe worth finding has 0.3 and more.
+        clear: SegmentThresholds { coarse: -0.25, segment: 0.05, total: 0.0 },
+        // The faint map's noise has a mean of -0.37 and the same scatter.
+        faint: SegmentThresholds { coarse: -0.25, segment: -0.1, total: 0.15 },
+        sigmas_per_logit: 0.5,
+        most_logit: 4.0,
+        same_levels: 6,
+        climb_px: [4.0, 2.0, 1.0, 0.5],
+        climb_sample_px: 3.0,
+        partial_segment: 0.3,
+        three_strength: 1.8,
+        three_coarse: 0.9,
+        three_keep: 40,
+    };
+
+    /// Inverse depths that are searched, 1/mm.
+    fn inverse_depths(&self) -> (f64, f64) {
+        (1.0 / self.range_mm[1], 1.0 / self.range_mm[0])
+    }
+}
+
+impl Default for GridSearchSettings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
+
 /// No segment that was sampled.
 const NONE: f32 = -9.0;
 
@@ -64,6 +130,8 @@ const NONE: f32 = -9.0;
 pub(crate) struct Evidence<'a> {
     ridge: &'a RidgeMap,
     network: Option<NetworkLayer>,
+    /// The most that a sample can have, sigmas.
+    most: f32,
 }
 
 /// A network's map in the steps of the ridge map.
@@ -74,33 +142,30 @@ struct NetworkLayer {
     steps: Vec<i8>,
 }
 
-/// Sigmas of ridge that one unit of the network's log-odds is worth, and the most that counts: two sigmas for or against,
-/// less than the three that a clear ridge has, so that neither overrules the other alone.
-const SIGMAS_PER_LOGIT: f32 = 0.5;
-const MOST_LOGIT: f32 = 4.0;
-
 impl<'a> Evidence<'a> {
     /// The ridge alone.
     pub fn ridge(ridge: &'a RidgeMap) -> Self {
-        Self { ridge, network: None }
+        Self { ridge, network: None, most: Z_CLIP }
     }
 
     /// The ridge and a network's map of `laser`.
-    pub fn with_network(ridge: &'a RidgeMap, maps: &FaceMaps, laser: LaserId) -> Self {
+    pub fn with_network(
+        ridge: &'a RidgeMap,
+        maps: &FaceMaps,
+        laser: LaserId,
+        settings: &GridSearchSettings,
+    ) -> Self {
+        let (most, worth) = (settings.most_logit, settings.sigmas_per_logit);
         let [width, height] = maps.size();
         let (zero, one) = (maps.raster_from_px(Px::new(0.0, 0.0)), maps.raster_from_px(Px::new(1.0, 1.0)));
         let steps = maps.channel(Channel::Laser(laser)).iter().map(|p| {
             let logit = (p.max(1e-6) / (1.0 - p).max(1e-6)).ln();
-            (logit.clamp(-MOST_LOGIT, MOST_LOGIT) * SIGMAS_PER_LOGIT * Z_STEPS) as i8
+            (logit.clamp(-most, most) * worth * Z_STEPS) as i8
         });
         let scale = [0, 1].map(|i| (one[i] - zero[i]) as f32);
         let layout = Layout::even(scale, ridge.layout().every_px);
-        Self { ridge, network: Some(NetworkLayer { width, height, layout, steps: steps.collect() }) }
-    }
-
-    /// The most that a segment can have, sigmas.
-    fn most(&self) -> f32 {
-        Z_CLIP + if self.network.is_some() { MOST_LOGIT * SIGMAS_PER_LOGIT } else { 0.0 }
+        let network = NetworkLayer { width, height, layout, steps: steps.collect() };
+        Self { ridge, network: Some(network), most: Z_CLIP + most * worth }
     }
 
     /// Samples this far apart tell all.
@@ -160,15 +225,16 @@ fn crossing_line(calibration: &Calibration, i: LaserId, j: LaserId) -> ([f64; 2]
 pub(crate) fn find_planes(
     calibration: &Calibration,
     evidence: &[Evidence; 4],
-    least: Least,
+    settings: &GridSearchSettings,
+    least: SegmentThresholds,
     keep: usize,
 ) -> Vec<GridHypothesis> {
     let [l1, l2, l3, l4] = LaserId::ALL;
     let camera = calibration.camera();
     let lines = [(l1, l3), (l1, l4), (l2, l3), (l2, l4)].map(|(i, j)| crossing_line(calibration, i, j));
     let fastest = lines.iter().map(|(_, s)| s[0].hypot(s[1])).fold(0.0, f64::max) * camera.fx.max(camera.fy);
-    let step = STEP_PX / fastest;
-    let (w_min, w_max) = (1.0 / FARTHEST_MM, 1.0 / NEAREST_MM);
+    let step = settings.step_px / fastest;
+    let (w_min, w_max) = settings.inverse_depths();
     let levels = (((w_max - w_min) / step) as usize).clamp(2, 2000) + 1;
     let w_of = |level: usize| w_min + level as f64 * step;
     let (right, bottom) = (f64::from(calibration.width_px()) - 0.5, f64::from(calibration.height_px()) - 0.5);
@@ -186,11 +252,11 @@ pub(crate) fn find_planes(
         crossing
     });
     let [c13, c14, c23, c24] = &crossings;
-    let scale = DepthSearch { camera, w_min, step, levels, least };
+    let scale = DepthSearch { camera, settings, w_min, step, levels, least };
     // Two laser pairs' segments from one crossing start a hypothesis; of the others just those that close one are looked at.
     let (mut e2, mut e4) =
         (Segments::new(&scale, c23, c24, &evidence[1]), Segments::new(&scale, c14, c24, &evidence[3]));
-    let mut best = StrongestPlanes::new(keep, 4.0 * least.total);
+    let mut best = StrongestPlanes::new(keep, 4.0 * least.total, settings.same_levels);
     for n13 in 0..levels {
         let row1 = strong(&scale, c13, c14, &evidence[0], n13);
         if row1.is_empty() {
@@ -202,7 +268,7 @@ pub(crate) fn find_planes(
             let x14 = c14.ray(w_of(n14));
             for &(n23, s3) in &row3 {
                 let x23 = c23.ray(w_of(n23));
-                if s1 + s3 + 2.0 * evidence[0].most() <= best.floor() {
+                if s1 + s3 + 2.0 * evidence[0].most <= best.floor() {
                     continue; // even two perfect segments would not be enough
                 }
                 let rows = Matrix3::from_rows(&[x13.transpose(), x14.transpose(), x23.transpose()]);
@@ -220,11 +286,11 @@ pub(crate) fn find_planes(
                 }
                 let n24 = level as usize;
                 let middle = (x13 + x14 + x23 + x24) * 0.25;
-                if q.dot(&middle) / (q.norm() * middle.norm()) < MIN_COS_TILT {
+                if q.dot(&middle) / (q.norm() * middle.norm()) < settings.min_cos_tilt {
                     continue;
                 }
                 let s2 = e2.at(n23, n24);
-                if s2 <= least.segment || s1 + s2 + s3 + evidence[3].most() <= best.floor() {
+                if s2 <= least.segment || s1 + s2 + s3 + evidence[3].most <= best.floor() {
                     continue;
                 }
                 let s4 = e4.at(n14, n24);
@@ -242,10 +308,11 @@ pub(crate) fn find_planes(
 /// The levels of inverse depth that are searched, and what a segment must have.
 struct DepthSearch<'a> {
     camera: &'a CameraModel,
+    settings: &'a GridSearchSettings,
     w_min: f64,
     step: f64,
     levels: usize,
-    least: Least,
+    least: SegmentThresholds,
 }
 
 impl DepthSearch<'_> {
@@ -253,10 +320,11 @@ impl DepthSearch<'_> {
         self.w_min + level as f64 * self.step
     }
 
-    /// Levels of the next crossing: neither inverse depth is more than [`MAX_RATIO`] times the other.
+    /// Levels of the next crossing: neither inverse depth is more than [`GridSearchSettings::max_ratio`] times the other.
     fn near(&self, level: usize) -> std::ops::RangeInclusive<usize> {
         let of = |w: f64| ((w - self.w_min) / self.step).clamp(0.0, (self.levels - 1) as f64);
-        of(self.w_of(level) / MAX_RATIO).ceil() as usize..=of(self.w_of(level) * MAX_RATIO) as usize
+        let (w, ratio) = (self.w_of(level), self.settings.max_ratio);
+        of(w / ratio).ceil() as usize..=of(w * ratio) as usize
     }
 
     /// Mean of the map between two crossings at their levels; [`NONE`] outside of the image.
@@ -281,7 +349,7 @@ fn strong(
     let Some(a) = from.px[level] else { return Vec::new() };
     let (ms, ends): (Vec<usize>, Vec<[f32; 2]>) =
         scale.near(level).filter_map(|m| Some((m, to.px[m]?))).unzip();
-    let coarse = map.means_of_fan(a, &ends, COARSE_PX);
+    let coarse = map.means_of_fan(a, &ends, scale.settings.coarse_px);
     ms.into_iter()
         .zip(coarse)
         .filter(|(_, coarse)| *coarse >= scale.least.coarse)
@@ -315,16 +383,12 @@ impl<'a> Segments<'a> {
     }
 }
 
-/// Steps in which a hypothesis is moved to where its evidence is largest, px: from the search's own down to what a ridge map shows.
-const CLIMB_PX: [f64; 4] = [4.0, 2.0, 1.0, 0.5];
-/// Samples there.
-const CLIMB_SAMPLE_PX: f32 = 3.0;
-
-/// Moves a plane to where its four segments have most evidence: the levels of the search are [`STEP_PX`] apart, and where the stripes
+/// Moves a plane to where its four segments have most evidence: the levels of the search are [`GridSearchSettings::step_px`] apart, and where the stripes
 /// are too faint for single profiles nothing else tells better. Three crossings are moved in turn along their lines.
 pub(crate) fn climb(
     calibration: &Calibration,
     evidence: &[Evidence; 4],
+    settings: &GridSearchSettings,
     start: &GridHypothesis,
 ) -> GridHypothesis {
     let [l1, l2, l3, l4] = LaserId::ALL;
@@ -351,7 +415,7 @@ pub(crate) fn climb(
             [(l1, [l3, l4]), (l2, [l3, l4]), (l3, [l1, l2]), (l4, [l1, l2])].into_iter().enumerate()
         {
             let (a, b) = (at(id, i)?, at(id, j)?);
-            found[k] = mean_along(&evidence[k], px(a)?, px((a + b) * 0.5)?, px(b)?, CLIMB_SAMPLE_PX);
+            found[k] = mean_along(&evidence[k], px(a)?, px((a + b) * 0.5)?, px(b)?, settings.climb_sample_px);
         }
         Some(found)
     };
@@ -364,7 +428,7 @@ pub(crate) fn climb(
     let sum = |s: &[f32; 4]| s.iter().sum::<f32>();
     let Some(mut best) = strengths(&q) else { return *start };
     let mut plane = q;
-    for step_px in CLIMB_PX {
+    for step_px in settings.climb_px {
         let mut moved = true;
         for _ in 0..4 {
             if !std::mem::take(&mut moved) {
@@ -399,15 +463,14 @@ struct StrongestPlanes {
     keep: usize,
     /// Least sum.
     least: f32,
+    /// See [`GridSearchSettings::same_levels`].
+    same_levels: usize,
     entries: Vec<(f32, [usize; 4], GridHypothesis)>,
 }
 
-/// Two hypotheses are one if no crossing differs by more levels than this (24 px).
-const SAME_LEVELS: usize = 6;
-
 impl StrongestPlanes {
-    fn new(keep: usize, least: f32) -> Self {
-        Self { keep, least, entries: Vec::with_capacity(keep + 1) }
+    fn new(keep: usize, least: f32, same_levels: usize) -> Self {
+        Self { keep, least, same_levels, entries: Vec::with_capacity(keep + 1) }
     }
 
     fn floor(&self) -> f32 {
@@ -416,7 +479,8 @@ impl StrongestPlanes {
     }
 
     fn offer(&mut self, sum: f32, levels: [usize; 4], q: Vector3<f64>, strength: [f32; 4]) {
-        let near = |other: &[usize; 4]| levels.iter().zip(other).all(|(a, b)| a.abs_diff(*b) <= SAME_LEVELS);
+        let same_levels = self.same_levels;
+        let near = |other: &[usize; 4]| levels.iter().zip(other).all(|(a, b)| a.abs_diff(*b) <= same_levels);
         if self.entries.iter().any(|(s, l, _)| *s >= sum && near(l)) {
             return;
         }
@@ -440,20 +504,12 @@ pub(crate) fn diagonals(calibration: &Calibration) -> [Diagonal; 2] {
     })
 }
 
-/// Part of the segment beyond a crossing that must be lit when the next crossing is not on the face.
-const PARTIAL: f64 = 0.3;
-/// Strength (sigmas of 3) of the full segment and of both partial ones that tells three stripes on one plane.
-const THREE_STRONG: f32 = 1.8;
-/// A first look's mean below this is no such segment: it scatters by 0.3.
-const THREE_COARSE: f32 = 0.9;
-/// Strongest full segments that are followed up.
-const THREE_KEEP: usize = 40;
-
 /// When no full grid was found: the laser whose stripe is missing, if the other three lie on one plane.
 pub(crate) fn three_stripes(
     calibration: &Calibration,
     first_pair: &RidgeMap,
     second_pair: &RidgeMap,
+    settings: &GridSearchSettings,
 ) -> Option<LaserId> {
     let (first_pair, second_pair) = (&Evidence::ridge(first_pair), &Evidence::ridge(second_pair));
     let camera = calibration.camera();
@@ -469,8 +525,8 @@ pub(crate) fn three_stripes(
     ] {
         let lines = [crossing_line(calibration, full, i), crossing_line(calibration, full, j)];
         let speed = lines.iter().map(|(_, s)| s[0].hypot(s[1])).fold(0.0, f64::max) * camera.fx;
-        let step = 2.0 * STEP_PX / speed;
-        let (w_min, w_max) = (1.0 / FARTHEST_MM, 1.0 / NEAREST_MM);
+        let step = 2.0 * settings.step_px / speed;
+        let (w_min, w_max) = settings.inverse_depths();
         let levels = (((w_max - w_min) / step) as usize).clamp(2, 1000) + 1;
         let at = |line: &([f64; 2], [f64; 2]), n: usize| {
             let w = w_min + n as f64 * step;
@@ -483,25 +539,25 @@ pub(crate) fn three_stripes(
             let (x, wx) = at(&lines[0], n);
             let near = (0..levels).filter(|m| {
                 let wy = at(&lines[1], *m).1;
-                wx.max(wy) <= MAX_RATIO * wx.min(wy)
+                wx.max(wy) <= settings.max_ratio * wx.min(wy)
             });
             let (ms, ends): (Vec<usize>, Vec<[f32; 2]>) =
                 near.filter_map(|m| Some((m, places[1][m]?))).unzip();
-            let coarse = along.means_of_fan(a, &ends, COARSE_PX);
+            let coarse = along.means_of_fan(a, &ends, settings.coarse_px);
             for ((m, b), coarse) in ms.into_iter().zip(ends).zip(coarse) {
                 let (y, wy) = at(&lines[1], m);
-                if coarse < THREE_COARSE {
+                if coarse < settings.three_coarse {
                     continue;
                 }
                 let Some(c) = px((x + y) * 0.5) else { continue };
                 let strength = mean_along(along, a, c, b, along.every_px());
-                if strength > THREE_STRONG {
+                if strength > settings.three_strength {
                     strong.push((strength, x, wx, y, wy));
                 }
             }
         }
         strong.sort_by(|a, b| b.0.total_cmp(&a.0));
-        strong.truncate(THREE_KEEP);
+        strong.truncate(settings.three_keep);
         let (p_j, p_missing) = (calibration.laser(j).per_mm, calibration.laser(missing).per_mm);
         for (strength, x, wx, y, wy) in strong {
             // Planes through both crossings: one angle is free, set by the inverse depth of the missing crossing.
@@ -511,7 +567,7 @@ pub(crate) fn three_stripes(
                 let Some(inverse) = rows.try_inverse() else { continue };
                 let q = inverse * Vector3::new(wx, wy, wz);
                 let middle = (x + y) * 0.5;
-                if q.dot(&middle) / (q.norm() * middle.norm()) < MIN_COS_TILT {
+                if q.dot(&middle) / (q.norm() * middle.norm()) < settings.min_cos_tilt {
                     continue;
                 }
                 let other = (q - p_missing).cross(&(q - p_j));
@@ -524,7 +580,7 @@ pub(crate) fn three_stripes(
                     [1.0, -1.0]
                         .into_iter()
                         .filter_map(|sign| {
-                            let end = from + (to - from) * (sign * PARTIAL);
+                            let end = from + (to - from) * (sign * settings.partial_segment);
                             Some(mean_along(
                                 crossing,
                                 px(from)?,
@@ -536,7 +592,7 @@ pub(crate) fn three_stripes(
                         .fold(NONE, f32::max)
                 };
                 let weakest = both_sides(x, z).min(both_sides(y, other)).min(strength);
-                if weakest > THREE_STRONG && best.is_none_or(|(b, _)| weakest > b) {
+                if weakest > settings.three_strength && best.is_none_or(|(b, _)| weakest > b) {
                     best = Some((weakest, missing));
                 }
             }
