@@ -203,7 +203,7 @@ mod tests {
     }
 
     fn detectors() -> [(&'static str, &'static dyn EdgeDetector); 2] {
-        [("gradient", &GradientDetector), ("hough", &HoughDetector { map: None, stripes_on: None })]
+        [("gradient", &GradientDetector::DEFAULT), ("hough", &HoughDetector { map: None, stripes_on: None })]
     }
 
     #[test]

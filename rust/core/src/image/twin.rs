@@ -13,46 +13,78 @@ use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 
 /// Grey level of no light in the difference: noise and doubled edges keep their sign, a stripe on dark board is 215 high.
 pub(super) const NO_LIGHT: u8 = 40;
-/// Red from this level on is at its limit, where green and blue tell how much light there is ...
-const AT_LIMIT: u8 = 250;
-/// ... of which green sees at most so much of what red does.
-const GREEN_SHARE: i16 = 2;
-
-/// Pixels of the frame in one of the finest picture that is registered, along each axis; two coarser ones have 2 and 4 times as many.
-const FINEST: usize = 4;
-/// Steps in each picture, the coarsest first.
-const STEPS: [usize; 3] = [8, 5, 4];
-/// Standard deviation of the window around the picture's middle, in halves of its width.
-const WINDOW: f64 = 0.35;
-/// What counts less is left out; of the finest picture every second column and row is taken for a step, which are 40,000.
-const LEAST_WEIGHT: f64 = 0.13;
-const EVERY: [usize; 3] = [1, 1, 2];
-/// A residual of so many of its scatters counts half: edges of what moves otherwise, stripes that green sees.
-const HALF_WEIGHT: f64 = 2.0;
-/// Least scatter of a residual, share of full scale: a grey level.
-const LEAST_SCATTER: f64 = 1.0 / 255.0;
-
-/// Movement, gain and level.
+/// Unknowns of the registration: movement, gain and level.
 const UNKNOWNS: usize = 10;
-/// How far each may be from standing still, 1 sigma, with lengths in halves of the picture's width: about twice what the hand does in
-/// a fifteenth of a second (1.8 mrad, 1 mm) 0.4 m from a face. Holds what a plain face does not tell.
-const PRIOR: [f64; UNKNOWNS] = [0.003, 0.003, 0.012, 0.003, 0.003, 0.012, 0.0015, 0.0015, 0.1, 0.05];
 
-/// Edge of the blocks in which the shift that is left is measured, px of the finest picture.
-const BLOCK: usize = 24;
-/// A block whose own shift is better known than this, px of the finest picture, has texture enough; fewer than so many tell nothing.
-const KNOWN_PX: f64 = 0.1;
-const FEWEST: usize = 4;
-/// Most that the middle one of the blocks may be shifted, px of the frame: half a narrow stripe's width (8 px). A print's edge that is doubled
-/// by less is narrower than a stripe, and of its own colour on both sides.
-const MOST_SHIFT_PX: f64 = 4.0;
-/// Most of the picture's variance that may be left: the same view leaves up to 0.02 (84 rendered ones), the other face of b02 0.2 or 0.6.
-const MOST_LEFT: f64 = 0.1;
+/// Settings of the registration and of the difference.
+#[derive(Clone, Copy, Debug)]
+struct TwinSettings {
+    /// Red from this grey level on is at its limit: green and blue tell there how much light there is ...
+    at_limit: u8,
+    /// ... of which green sees at most one part in so many of what red does. More makes stripes on white board stronger, and print too.
+    green_share: i16,
+    /// Pixels of the frame in one of the finest picture that is registered, along each axis; two coarser ones have 2 and 4 times as many. More
+    /// is quicker and less exact.
+    finest: usize,
+    /// Steps in each picture, the coarsest first.
+    steps: [usize; 3],
+    /// One column and row of so many is taken for a step, the coarsest picture first: 40,000 pixels of the finest.
+    every: [usize; 3],
+    /// Standard deviation of the window around the picture's middle, in halves of its width. More lets the background take part, which moves
+    /// otherwise; less has little texture.
+    window: f64,
+    /// What has less weight in the window is left out.
+    least_weight: f64,
+    /// A residual of so many of its scatters counts half: edges of what moves otherwise, stripes that green sees. More lets these pull.
+    half_weight: f64,
+    /// Least scatter of a residual, share of full scale: a grey level.
+    least_scatter: f64,
+    /// How far each unknown may be from standing still, 1 sigma, with lengths in halves of the picture's width: about twice what the hand does in
+    /// a fifteenth of a second (1.8 mrad, 1 mm) 0.4 m from a face. Holds what a plain face does not tell; more lets that wander.
+    prior: [f64; UNKNOWNS],
+    /// Edge of the blocks in which the shift that is left is measured, px of the finest picture.
+    block: usize,
+    /// A block whose own shift is better known than this, px of the finest picture, has texture enough; fewer blocks than so many tell nothing.
+    known_px: f64,
+    fewest_blocks: usize,
+    /// Most that the middle one of the blocks may be shifted, px of the frame: half a narrow stripe's width (8 px). A print's edge that is
+    /// doubled by less is narrower than a stripe, and of its own colour on both sides. More lets doubled print be taken for stripes.
+    most_shift_px: f64,
+    /// Most of the picture's variance that may be left: the same view leaves up to 0.02 (84 rendered ones), the other face of b02 0.2 or 0.6.
+    /// More takes another view for the same.
+    most_left: f64,
+}
+
+impl TwinSettings {
+    const DEFAULT: Self = Self {
+        at_limit: 250,
+        green_share: 2,
+        finest: 4,
+        steps: [8, 5, 4],
+        every: [1, 1, 2],
+        window: 0.35,
+        least_weight: 0.13,
+        half_weight: 2.0,
+        least_scatter: 1.0 / 255.0,
+        prior: [0.003, 0.003, 0.012, 0.003, 0.003, 0.012, 0.0015, 0.0015, 0.1, 0.05],
+        block: 24,
+        known_px: 0.1,
+        fewest_blocks: 4,
+        most_shift_px: 4.0,
+        most_left: 0.1,
+    };
+}
+
+impl Default for TwinSettings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
 
 /// How the unlit picture lies on the lit one.
 #[derive(Clone, Debug)]
 struct Registration {
-    /// As [`PRIOR`]: x' = (x + p0 x + p1 y + p2) / (1 + p6 x + p7 y), y' = (y + p3 x + p4 y + p5) / the same; gain less 1; level, share of
+    /// As [`TwinSettings::prior`]: x' = (x + p0 x + p1 y + p2) / (1 + p6 x + p7 y), y' = (y + p3 x + p4 y + p5) / the same; gain less 1; level, share of
     /// full scale.
     p: SVector<f64, UNKNOWNS>,
     /// Shift that is left in the middle one of the blocks with texture, px of the frame; `None` if too few have any.
@@ -77,20 +109,22 @@ impl Frame {
                 off.width_px, off.height_px, self.width_px, self.height_px
             )));
         }
-        let found = register(self, off);
-        if found.variance_left > MOST_LEFT {
+        let settings = TwinSettings::default();
+        let found = register(self, off, &settings);
+        if found.variance_left > settings.most_left {
             let percent = 100.0 * found.variance_left;
             return Err(invalid(format!(
                 "the picture with the lasers off shows another view: {percent:.0} % of the lit one is not in it, {:.0} % are allowed",
-                100.0 * MOST_LEFT
+                100.0 * settings.most_left
             )));
         }
-        if let Some(left) = found.left_px.filter(|left| *left > MOST_SHIFT_PX) {
+        if let Some(left) = found.left_px.filter(|left| *left > settings.most_shift_px) {
             return Err(invalid(format!(
-                "the picture with the lasers off is still {left:.1} px beside the lit one after the head's movement is taken out, {MOST_SHIFT_PX} px are allowed"
+                "the picture with the lasers off is still {left:.1} px beside the lit one after the head's movement is taken out, {} px are allowed",
+                settings.most_shift_px
             )));
         }
-        self.laser_light = Some(difference(self, off, &found));
+        self.laser_light = Some(difference(self, off, &found, &settings));
         Ok(found.left_px)
     }
 
@@ -207,11 +241,17 @@ struct Sample {
 }
 
 /// Pixels of two pictures, laid over each other: one of so many along both axes.
-fn samples(lit: &Grey, off: &Grey, p: &SVector<f64, UNKNOWNS>, every: usize) -> Vec<Sample> {
+fn samples(
+    lit: &Grey,
+    off: &Grey,
+    p: &SVector<f64, UNKNOWNS>,
+    every: usize,
+    settings: &TwinSettings,
+) -> Vec<Sample> {
     let of = |pixel: [usize; 2]| {
         let at = lit.unit(pixel[0], pixel[1]);
-        let weight = (-0.5 * at.norm_squared() / (WINDOW * WINDOW)).exp();
-        let (unlit, slope) = (weight > LEAST_WEIGHT).then(|| off.at(moved(p, at)))??;
+        let weight = (-0.5 * at.norm_squared() / (settings.window * settings.window)).exp();
+        let (unlit, slope) = (weight > settings.least_weight).then(|| off.at(moved(p, at)))??;
         let value = f64::from(lit.values[pixel[1] * lit.width + pixel[0]]);
         let residual = value - (1.0 + p[8]) * unlit - p[9];
         Some(Sample { residual, weight, slope, unlit, at, pixel })
@@ -221,31 +261,32 @@ fn samples(lit: &Grey, off: &Grey, p: &SVector<f64, UNKNOWNS>, every: usize) -> 
 }
 
 /// Robust scatter of the residuals.
-fn scatter(samples: &[Sample]) -> f64 {
-    robust_sigma(samples.iter().map(|s| s.residual)).map_or(LEAST_SCATTER, |sigma| sigma.max(LEAST_SCATTER))
+fn scatter(samples: &[Sample], least: f64) -> f64 {
+    robust_sigma(samples.iter().map(|s| s.residual)).map_or(least, |sigma| sigma.max(least))
 }
 
-fn register(lit: &Frame, off: &Frame) -> Registration {
-    let finest = [lit, off].map(|frame| Grey::of(frame, FINEST));
+fn register(lit: &Frame, off: &Frame, settings: &TwinSettings) -> Registration {
+    let finest = [lit, off].map(|frame| Grey::of(frame, settings.finest));
     let middle = finest.each_ref().map(Grey::halved);
     let coarsest = middle.each_ref().map(Grey::halved);
     let mut p = SVector::<f64, UNKNOWNS>::zeros();
     for ([lit, off], (steps, every)) in
-        [&coarsest, &middle, &finest].into_iter().zip(STEPS.into_iter().zip(EVERY))
+        [&coarsest, &middle, &finest].into_iter().zip(settings.steps.into_iter().zip(settings.every))
     {
         for _ in 0..steps {
-            let samples = samples(lit, off, &p, every);
-            let scatter = scatter(&samples);
+            let samples = samples(lit, off, &p, every, settings);
+            let scatter = scatter(&samples, settings.least_scatter);
             let mut normal = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::zeros();
             let mut right = SVector::<f64, UNKNOWNS>::zeros();
             for s in &samples {
-                let weight =
-                    s.weight / (1.0 + (s.residual / (HALF_WEIGHT * scatter)).powi(2)) / scatter.powi(2);
+                let weight = s.weight
+                    / (1.0 + (s.residual / (settings.half_weight * scatter)).powi(2))
+                    / scatter.powi(2);
                 let row = row_of(&p, s, lit.half());
                 normal.ger(weight, &row, &row, 1.0);
                 right.axpy(weight * s.residual, &row, 1.0);
             }
-            for (i, sigma) in PRIOR.into_iter().enumerate() {
+            for (i, sigma) in settings.prior.into_iter().enumerate() {
                 normal[(i, i)] += sigma.powi(-2);
                 right[i] -= p[i] * sigma.powi(-2);
             }
@@ -254,37 +295,39 @@ fn register(lit: &Frame, off: &Frame) -> Registration {
         }
     }
     let [lit, off] = &finest;
-    let samples = samples(lit, off, &p, 1);
-    Registration { p, left_px: shift_left(lit, &samples), variance_left: variance_left(lit, &samples) }
+    let samples = samples(lit, off, &p, 1, settings);
+    let left_px = shift_left(lit, &samples, settings);
+    Registration { p, left_px, variance_left: variance_left(lit, &samples, settings.least_scatter) }
 }
 
 /// The shift that is left in the middle one of the blocks that have texture in both directions, px of the frame.
-fn shift_left(lit: &Grey, samples: &[Sample]) -> Option<f64> {
-    let scatter = scatter(samples);
-    let columns = lit.width.div_ceil(BLOCK);
-    let mut blocks = vec![(Matrix2::zeros(), Vector2::zeros()); columns * lit.height.div_ceil(BLOCK)];
+fn shift_left(lit: &Grey, samples: &[Sample], settings: &TwinSettings) -> Option<f64> {
+    let block = settings.block;
+    let scatter = scatter(samples, settings.least_scatter);
+    let columns = lit.width.div_ceil(block);
+    let mut blocks = vec![(Matrix2::zeros(), Vector2::zeros()); columns * lit.height.div_ceil(block)];
     for s in samples.iter().filter(|s| s.weight > 0.3) {
-        let (normal, right) = &mut blocks[s.pixel[1] / BLOCK * columns + s.pixel[0] / BLOCK];
+        let (normal, right) = &mut blocks[s.pixel[1] / block * columns + s.pixel[0] / block];
         // What the lasers add, or what moves otherwise, is no shift.
-        let weight = 1.0 / (1.0 + (s.residual / (HALF_WEIGHT * scatter)).powi(2));
+        let weight = 1.0 / (1.0 + (s.residual / (settings.half_weight * scatter)).powi(2));
         *normal += weight * s.slope * s.slope.transpose();
         *right += weight * s.residual * s.slope;
     }
     let shift = |(normal, right): &(Matrix2<f64>, Vector2<f64>)| {
         let least = normal.symmetric_eigenvalues().min();
-        let known = least > 0.0 && scatter / least.sqrt() < KNOWN_PX;
+        let known = least > 0.0 && scatter / least.sqrt() < settings.known_px;
         known.then(|| normal.try_inverse().map(|inverse| (inverse * right).norm()))?
     };
     let shifts: Vec<f64> = blocks.iter().filter_map(shift).collect();
-    if shifts.len() < FEWEST {
+    if shifts.len() < settings.fewest_blocks {
         return None;
     }
-    Some(median(shifts)? * FINEST as f64)
+    Some(median(shifts)? * settings.finest as f64)
 }
 
 /// Share of the lit picture's variance that the unlit one does not have, beyond what noise explains. The middle nine tenths of the residuals count:
 /// stripes are no other view.
-fn variance_left(lit: &Grey, samples: &[Sample]) -> f64 {
+fn variance_left(lit: &Grey, samples: &[Sample], least_scatter: f64) -> f64 {
     let mut left: Vec<(f64, f64)> = samples.iter().map(|s| (s.residual.powi(2), s.weight)).collect();
     left.sort_by(|a, b| a.0.total_cmp(&b.0));
     left.truncate(left.len() * 9 / 10);
@@ -299,11 +342,11 @@ fn variance_left(lit: &Grey, samples: &[Sample]) -> f64 {
     let level = mean(&values);
     let all =
         mean(&values.iter().map(|(value, weight)| ((value - level).powi(2), *weight)).collect::<Vec<_>>());
-    if samples.is_empty() { 1.0 } else { mean(&left) / (all + (2.0 * LEAST_SCATTER).powi(2)) }
+    if samples.is_empty() { 1.0 } else { mean(&left) / (all + (2.0 * least_scatter).powi(2)) }
 }
 
 /// What the lasers add, over [`NO_LIGHT`]; where the unlit picture does not reach, nothing.
-fn difference(lit: &Frame, off: &Frame, found: &Registration) -> Vec<u8> {
+fn difference(lit: &Frame, off: &Frame, found: &Registration, settings: &TwinSettings) -> Vec<u8> {
     /// Pixels of a row between which the movement is a straight line: to a thousandth of a pixel.
     const STRAIGHT: usize = 16;
     /// Parts of a pixel; sums of four bytes by two such weights fit 32 bits.
@@ -350,10 +393,11 @@ fn difference(lit: &Frame, off: &Frame, found: &Registration) -> Vec<u8> {
                     *added = i16::from(own[c])
                         .wrapping_sub(unlit[(sum.wrapping_add(1 << 15) >> 16) as usize & 255]);
                 }
-                if own[0] >= AT_LIMIT {
+                if own[0] >= settings.at_limit {
                     let level = i16::from(NO_LIGHT);
-                    added[0] = added[0]
-                        .max(GREEN_SHARE.wrapping_mul(added[1].wrapping_sub(level)).wrapping_add(level));
+                    added[0] = added[0].max(
+                        settings.green_share.wrapping_mul(added[1].wrapping_sub(level)).wrapping_add(level),
+                    );
                 }
                 for (out, added) in out.iter_mut().zip(added) {
                     *out = added.clamp(0, 255) as u8;
@@ -418,7 +462,7 @@ mod tests {
     #[test]
     fn a_movement_of_the_hand_is_found_and_only_the_stripe_is_left() {
         let (lit, off) = (picture(&still(), 1, 60.0), picture(&hand(), 1, 0.0));
-        let found = register(&lit, &off);
+        let found = register(&lit, &off, &TwinSettings::DEFAULT);
         for corner in [[-0.4, -0.3], [0.4, -0.3], [0.4, 0.3], [-0.4, 0.3], [0.0, 0.0]] {
             let at = Vector2::from(corner);
             let [due, seen] = [&hand(), &found.p].map(|p| moved(p, at) * 320.0);
@@ -447,7 +491,7 @@ mod tests {
         let mut changed = hand();
         (changed[8], changed[9]) = (0.06, 0.02);
         let (lit, off) = (picture(&still(), 2, 60.0), picture(&changed, 2, 0.0));
-        let found = register(&lit, &off);
+        let found = register(&lit, &off, &TwinSettings::DEFAULT);
         let (due, seen) = (moved(&changed, Vector2::zeros()), moved(&found.p, Vector2::zeros()));
         assert!((due - seen).norm() * 320.0 < 0.3, "{due} {seen}");
     }

@@ -390,7 +390,7 @@ fn measure_rough(
         stripes_on: edge_map.map(|_| &face.fit.plane),
     };
     let detector: &dyn EdgeDetector = match settings.edges {
-        EdgeMethod::Net | EdgeMethod::Gradient => &GradientDetector,
+        EdgeMethod::Net | EdgeMethod::Gradient => &GradientDetector::DEFAULT,
         EdgeMethod::Hough => &hough,
     };
     let keep_out = rectangle::keep_out(calibration, face, rough);
