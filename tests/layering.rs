@@ -1,8 +1,8 @@
-//! Who may use whom. Inside `rust/core` a module may use only modules that stand before it in [`MODULES`]; a crate may
-//! depend only on crates of a level below its own in [`CRATES`]. An edge upwards fails here, not in review.
+//! Who may use whom. Inside `rust/core` a module may use only modules that stand before it in [`MODULES`], and files of one folder do not use
+//! each other in a circle; a crate may depend only on crates of a level below its own in [`CRATES`]. An edge upwards fails here, not in review.
 #![allow(clippy::unwrap_used)] // the helpers of tests are tests
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// The modules of `rust/core/src`, lowest first. A new module gets its line here.
@@ -90,6 +90,88 @@ fn modules_of_core_use_only_modules_below() {
     assert!(wrong.is_empty(), "\n{}", wrong.join("\n"));
 }
 
+/// Two files of one folder that use each other cannot be read one after the other. A folder's `mod.rs` is one of its files; what it only
+/// lifts from another of them counts as used there.
+#[test]
+fn files_of_a_folder_of_core_use_each_other_in_one_direction() {
+    let source = root().join("rust/core/src");
+    let mut folders: BTreeMap<PathBuf, BTreeMap<String, String>> = BTreeMap::new();
+    for (path, text) in rust_files(&source) {
+        let inside = path.strip_prefix(&source).unwrap();
+        let (folder, stem) = (inside.parent().unwrap(), inside.file_stem().unwrap().to_str().unwrap());
+        let for_tests =
+            stem == "tests" || text.starts_with("#![cfg(test)]") || is_test_module(&source, inside);
+        if folder.components().next().is_some() && !for_tests {
+            folders.entry(folder.to_owned()).or_default().insert(stem.to_owned(), code(&text));
+        }
+    }
+    let mut wrong = Vec::new();
+    for (folder, files) in folders {
+        let uses = uses_in_folder(&folder, &files);
+        let circles = files.keys().filter(|file| reachable(&uses, file).contains(file.as_str()));
+        let circle: Vec<&str> = circles.map(String::as_str).collect();
+        if !circle.is_empty() {
+            wrong.push(format!("{}: {} use each other in a circle", folder.display(), circle.join(", ")));
+        }
+    }
+    assert!(wrong.is_empty(), "\n{}", wrong.join("\n"));
+}
+
+/// Whether a file is a module that its folder has for tests only.
+fn is_test_module(source: &Path, inside: &Path) -> bool {
+    let stem = inside.file_stem().unwrap().to_str().unwrap();
+    let parent = std::fs::read_to_string(source.join(inside).with_file_name("mod.rs")).unwrap_or_default();
+    ["", "pub(crate) "].iter().any(|public| parent.contains(&format!("#[cfg(test)]\n{public}mod {stem};")))
+}
+
+/// Which files of a folder each of them uses.
+fn uses_in_folder(folder: &Path, files: &BTreeMap<String, String>) -> BTreeMap<String, BTreeSet<String>> {
+    let path = folder.components().map(|c| c.as_os_str().to_str().unwrap()).collect::<Vec<_>>().join("::");
+    let lifted = files.get("mod").map(|code| imports(code)).unwrap_or_default();
+    let mut uses: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+    for (file, code) in files {
+        let mut names = names_after(code, &format!("crate::{path}::"));
+        if file == "mod" {
+            names.extend(files.keys().filter(|other| mentions(code, other)).cloned());
+        } else {
+            names.extend(names_after(code, "super::"));
+        }
+        let found =
+            names.into_iter().filter_map(|name| match (files.contains_key(&name), lifted.get(&name)) {
+                _ if name == "super" => None,
+                (true, _) => Some(name),
+                // From another file of the folder, or from outside.
+                (false, Some(from)) => files.contains_key(from).then(|| from.clone()),
+                (false, None) => files.contains_key("mod").then(|| "mod".to_owned()),
+            });
+        uses.insert(file.clone(), found.filter(|used| used != file).collect());
+    }
+    uses
+}
+
+/// All files that a file uses, or that those use.
+fn reachable<'a>(uses: &'a BTreeMap<String, BTreeSet<String>>, file: &str) -> BTreeSet<&'a str> {
+    let mut found = BTreeSet::new();
+    let mut open: Vec<&str> = vec![file];
+    while let Some(next) = open.pop() {
+        for used in uses.get(next).into_iter().flatten() {
+            if found.insert(used.as_str()) {
+                open.push(used);
+            }
+        }
+    }
+    found
+}
+
+/// Whether code names something of a module: `name::`, not behind another path.
+fn mentions(code: &str, module: &str) -> bool {
+    let path = format!("{module}::");
+    code.match_indices(&path).any(|(at, _)| {
+        let before = code[..at].strip_suffix("self::").unwrap_or(&code[..at]);
+        !before.ends_with(|c: char| c.is_alphanumeric() || c == '_' || c == ':')
+    })
+}
+
 #[test]
 fn crates_depend_only_on_crates_below() {
     let metadata = std::process::Command::new(env!("CARGO"))
@@ -148,11 +230,14 @@ fn code(text: &str) -> String {
 fn names_used(text: &str, depth: usize) -> Vec<String> {
     let code = code(text);
     let from_root = ["crate::".to_owned(), "super::".repeat(depth)];
+    from_root.iter().flat_map(|prefix| names_after(&code, prefix)).collect()
+}
+
+/// The first name behind every `prefix`: `x` for `prefix x::Y` and for `prefix {x::Y, ..}`.
+fn names_after(code: &str, prefix: &str) -> Vec<String> {
     let mut names = Vec::new();
-    for start in
-        from_root.iter().flat_map(|prefix| code.match_indices(prefix.as_str()).map(|(i, p)| i + p.len()))
-    {
-        let rest = &code[start..];
+    for (at, _) in code.match_indices(prefix) {
+        let rest = &code[at + prefix.len()..];
         match rest.strip_prefix('{') {
             Some(group) => names.extend(top_level_names(group)),
             None => names.extend(first_name(rest)),
@@ -184,15 +269,25 @@ fn first_name(text: &str) -> Option<String> {
 
 /// Which module the names come from that `lib.rs` lifts to the root.
 fn reexports(lib: &str) -> BTreeMap<String, String> {
-    let code = code(lib);
+    imports(&code(lib))
+}
+
+/// For each name that code imports with `use` or `pub use`: the first part of its path.
+fn imports(code: &str) -> BTreeMap<String, String> {
     let mut names = BTreeMap::new();
-    for statement in code.split(';').filter_map(|s| s.trim().strip_prefix("pub use ")) {
-        let (module, rest) = statement.split_once("::").unwrap();
-        let lifted = match rest.strip_prefix('{') {
-            Some(group) => top_level_names(group),
-            None => Vec::from_iter(first_name(rest)),
-        };
-        names.extend(lifted.into_iter().map(|name| (name, module.to_owned())));
+    let starts = code.match_indices("use ").filter(|(at, _)| {
+        let line = code[..*at].rsplit('\n').next().unwrap();
+        line.is_empty() || line == "pub " || line == "pub(crate) " || line == "pub(super) "
+    });
+    for (at, word) in starts {
+        let tree = code[at + word.len()..].split(';').next().unwrap();
+        let Some(first) = first_name(tree) else { continue };
+        // The last name of each path is what is imported.
+        for path in tree.split([',', '{', '}']).filter(|path| !path.trim_end().ends_with("::")) {
+            let last =
+                path.rsplit(|c: char| !(c.is_alphanumeric() || c == '_')).find(|name| !name.is_empty());
+            names.extend(last.map(|name| (name.to_owned(), first.clone())));
+        }
     }
     names
 }
@@ -205,4 +300,21 @@ fn the_reader_finds_every_way_to_name_a_module() {
     assert_eq!(names_used("use super::near;\nuse super::super::far;", 2), ["far"]);
     let lib = reexports("pub mod a;\npub use a::{\n    F, G,\n};\npub use b::h;\n");
     assert_eq!((lib["F"].as_str(), lib["G"].as_str(), lib["h"].as_str()), ("a", "a", "b"));
+}
+
+#[test]
+fn a_circle_in_a_folder_is_seen_and_a_lifted_name_is_none() {
+    let uses = |mod_rs: &str, a: &str, b: &str| {
+        let files = [("mod", mod_rs), ("a", a), ("b", b)];
+        let files = files.map(|(name, code)| (name.to_owned(), code.to_owned())).into();
+        uses_in_folder(Path::new("x/y"), &files)
+    };
+    let circle = uses("mod a;\nmod b;", "use super::b::{F, G};", "fn f() { crate::x::y::a::g() }");
+    assert!(reachable(&circle, "a").contains("a") && !reachable(&circle, "mod").contains("mod"));
+    let by_parent = uses("mod a;\nfn f() { a::g() }", "use super::{Error, f};", "");
+    assert!(reachable(&by_parent, "mod").contains("mod"));
+    let lifted =
+        uses("use b::f;\nuse crate::{error::Error, z};\nfn g() { a::g() }", "use super::{Error, f};", "");
+    assert_eq!(lifted["a"], BTreeSet::from(["b".to_owned()]));
+    assert!(!mentions("super::a::X + c::a::Y + ba::Z", "a") && mentions("self::a::X", "a"));
 }

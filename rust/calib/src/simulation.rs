@@ -341,7 +341,7 @@ fn what_does_not_fit_is_named() {
 }
 
 #[test]
-#[ignore = "for reading: cargo test --release -p boxline --lib -- --ignored --nocapture how_often_what_does_not_fit_is_named"]
+#[ignore = "for reading: cargo test --release -p boxline-calib --lib -- --ignored --nocapture how_often_what_does_not_fit_is_named"]
 fn how_often_what_does_not_fit_is_named() {
     const SETS: usize = 40;
     let kinds = std::iter::once(None).chain(MisfitKind::ALL.map(Some));

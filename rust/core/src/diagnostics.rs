@@ -13,7 +13,8 @@ use crate::scene::lit::LitLines;
 use crate::stripe::colour_projection::ColourProjection;
 use crate::stripe::grid_search::{self, Evidence, GridSearchSettings};
 pub use crate::stripe::peak::Estimator;
-use crate::stripe::trace::{ScanDirection, StripeLine, TraceSettings, measure_half_width_px, trace};
+use crate::stripe::stripe_line::{ScanDirection, StripeLine};
+use crate::stripe::trace::{TraceSettings, measure_half_width_px, trace};
 use crate::units::{LaserId, Px};
 
 /// Farthest from the true stripe that a centre is looked for, px: beyond that it is another thing.

@@ -9,9 +9,8 @@ use crate::image::Frame;
 use crate::statistics::median;
 use crate::stripe::colour_projection::{ColourProjection, measure_tints};
 use crate::stripe::peak::Estimator;
-use crate::stripe::trace::{
-    ScanDirection, StripeLine, StripePoint, TraceSettings, measure_half_width_px, trace, trace_again,
-};
+use crate::stripe::stripe_line::{ScanDirection, StripeLine};
+use crate::stripe::trace::{StripePoint, TraceSettings, measure_half_width_px, trace, trace_again};
 use crate::units::{LaserId, Px};
 
 /// Where a stripe leaves the plane, at one of its ends.

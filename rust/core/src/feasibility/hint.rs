@@ -1,7 +1,7 @@
 //! How to move the head so that a refused face can be measured. Where the face's rectangle is known, moves are tried on it and
 //! the fewest that clear all obstacles are told; where it is not, the refusal itself says the direction.
 
-use super::{MARGIN, grid_middle, obstacles};
+use super::obstacle::{MARGIN, grid_middle, obstacles};
 use crate::calibration::Calibration;
 use crate::face_geometry::view::FacePose;
 use crate::reject::Reject;

@@ -12,6 +12,7 @@ pub(crate) mod outlines;
 pub(crate) mod refine;
 pub(crate) mod rounding;
 pub(crate) mod sharp_edge;
+pub(crate) mod side_view;
 pub(crate) mod snap;
 mod straightness;
 pub(crate) mod stripe_ends;
@@ -32,7 +33,8 @@ use crate::units::{AngleEstimate, Estimate, LaserId, Px};
 use crate::warning::{Warning, WarningKind};
 use nalgebra::Matrix2;
 use refine::{FittedRectangle, Problem, Shape, refine};
-use sharp_edge::{Correction, Sharpened};
+use sharp_edge::Sharpened;
+use side_view::Correction;
 
 /// Fewest edge points on a side.
 const MIN_EDGE_POINTS: usize = 8;

@@ -4,7 +4,7 @@
 //! radius, so sides that show it tell it for those that do not.
 
 use super::refine::FittedRectangle;
-use super::sharp_edge::{Correction, Rule, middle, normal, outwards};
+use super::side_view::{Correction, Rule, SideView, middle, normal, outwards, touching_share};
 use super::stripe_ends::StripeEnds;
 use crate::calibration::Calibration;
 use crate::edges::{light, linear_light};
@@ -23,16 +23,6 @@ pub(crate) struct EdgeProfile {
     pub light: Vec<f64>,
     /// Standard deviation of each: what changes along the side.
     pub sigma: Vec<f64>,
-}
-
-/// How a side is seen.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct SideView {
-    /// Tangent of the angle from the face's normal to the line of sight, towards outside: positive where the neighbouring face is in
-    /// view (a crease), else a silhouette.
-    pub tan: f64,
-    /// Across the side, on the face's plane.
-    pub mm_per_px: f64,
 }
 
 /// Profiles go this far to where there is box: the largest rounding, blurred, and some of a flat face ...
@@ -412,11 +402,6 @@ pub(crate) fn explain_ends(ends: &StripeEnds, rule: &Rule, view: &SideView) -> T
         let off = (end_mm - ends.outwards_mm) / ends.sigma_mm;
         ((-0.5 * off * off).exp() + WRONG_END).ln()
     })
-}
-
-/// How far inside the sharp edge of a silhouette the line of sight touches it, on the face's plane and in radii.
-pub(crate) fn touching_share(view: &SideView) -> f64 {
-    if view.tan < 0.0 { 1.0 - view.tan - 1.0f64.hypot(view.tan) } else { 0.0 }
 }
 
 /// The corrections of four sides that share one radius; `None` in `tables` for a side that tells nothing.

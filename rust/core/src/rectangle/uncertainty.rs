@@ -3,7 +3,7 @@
 //! effect on the fit (implicit function: `d unknowns = -inverse(normal) sum(weight * derivative * d residual)`).
 
 use super::refine::FittedRectangle;
-use super::sharp_edge::Correction;
+use super::side_view::Correction;
 use crate::calibration::{
     CAMERA, Calibration, CalibrationCovariance, CalibrationStep, PARAMETERS, PLANES, moved,
 };

@@ -14,7 +14,7 @@ use crate::face::raster::PlaneRaster;
 use crate::frames::{Plane, Point};
 use crate::image::Frame;
 use crate::statistics::robust_sigma_f32;
-use crate::stripe::trace::{ScanDirection, StripeLine};
+use crate::stripe::stripe_line::{ScanDirection, StripeLine};
 use crate::units::{LaserId, Px};
 
 /// Light is looked for from so far inside a side's line to so far beyond it, rows (or columns) along the stripe ...

@@ -17,7 +17,7 @@ use crate::image::Frame;
 use crate::measurement::{FaceMeasurement, SideLight};
 use crate::network::StripeLight;
 use crate::statistics::{median_f32, robust_sigma_f32};
-use crate::stripe::trace::ScanDirection;
+use crate::stripe::stripe_line::ScanDirection;
 use crate::units::{LaserId, Px};
 
 /// Half width of a stripe's middle, and where its surroundings begin: half widths of its foot, bounds in px.

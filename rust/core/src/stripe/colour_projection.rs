@@ -2,7 +2,7 @@
 //! white box or strong light drives red to its limit, green and blue carry the stripe, and on coloured ones something
 //! between. Fisher's discriminant finds it: the step that the stripe makes, divided by the covariance of what lies beside.
 
-use super::trace::{ScanDirection, StripeLine};
+use super::stripe_line::{ScanDirection, StripeLine};
 use crate::calibration::Calibration;
 use crate::image::Frame;
 use crate::statistics::median;

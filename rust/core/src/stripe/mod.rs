@@ -5,4 +5,5 @@ pub(crate) mod colour_projection;
 mod curve;
 pub(crate) mod grid_search;
 pub mod peak;
+pub(crate) mod stripe_line;
 pub(crate) mod trace;

@@ -2,22 +2,19 @@
 
 mod bits;
 mod block;
+mod error;
 mod header;
 mod huffman;
 mod scan;
 mod seam;
 
 use super::MAX_SIDE_PX;
-use crate::error::{Error, ErrorKind};
+use crate::error::Error;
+use error::invalid;
 use std::borrow::Cow;
 use zune_core::bytestream::ZCursor;
 use zune_core::colorspace::ColorSpace;
 use zune_core::options::DecoderOptions;
-
-/// A broken frame: what is wrong.
-fn invalid(what: impl Into<String>) -> Error {
-    Error::new(ErrorKind::InvalidFrame, what)
-}
 
 /// Width, height and RGB of a whole JPEG.
 pub(super) fn decode(bytes: &[u8]) -> Result<(usize, usize, Vec<u8>), Error> {
