@@ -21,8 +21,6 @@ use crate::units::{LaserId, Px};
 const SEARCH_PX: f64 = 6.0;
 /// As on the way through the pipeline.
 const MIN_SIGNAL_TO_NOISE: f64 = 3.0;
-/// Stripe width where it cannot be measured, px.
-const HALF_WIDTH_PX: f64 = 10.0;
 
 /// A stripe's centre beside the truth.
 #[derive(Clone, Copy, Debug)]
@@ -63,10 +61,9 @@ pub fn stripe_residuals(
         rows,
         search_px: SEARCH_PX,
         min_signal_to_noise: MIN_SIGNAL_TO_NOISE,
-        half_width_px: half_width_px.unwrap_or(HALF_WIDTH_PX),
-        projection: ColourProjection::LASER_RESPONSE,
+        half_width_px: half_width_px.unwrap_or(TraceSettings::DEFAULT.half_width_px),
         estimator,
-        smooth_px: 0.0,
+        ..TraceSettings::default()
     };
     trace(frame, calibration, &line, range, first, &settings)
         .into_iter()

@@ -31,7 +31,7 @@ use crate::calibration::Calibration;
 use crate::image::Frame;
 use crate::measurement::{BoxMeasurement, DepthEstimate, FaceMeasurement};
 use crate::statistics::median;
-use crate::stripe::colour_projection::measure_tints;
+use crate::stripe::colour_projection::measure_projections;
 use crate::stripe::stripe_line::StripeLine;
 use crate::stripe::trace::measure_half_width_px;
 use crate::units::{Estimate, LaserId};
@@ -142,7 +142,7 @@ fn stripes_beside(
         let (first, last) = if line.scan.along(p) <= line.scan.along(q) { (p, q) } else { (q, p) };
         (line, line.scan.along(first)..line.scan.along(last), first)
     });
-    let projections = measure_tints(frame, calibration, &on_face);
+    let projections = measure_projections(frame, calibration, &on_face);
     let Some(foot_px) = measure_half_width_px(frame, calibration, &on_face, &projections) else {
         return Vec::new();
     };

@@ -7,8 +7,7 @@ use crate::calibration::Calibration;
 use crate::frames::{Cam, Plane, Ray};
 use crate::image::Frame;
 use crate::statistics::median;
-use crate::stripe::colour_projection::{ColourProjection, measure_tints};
-use crate::stripe::peak::Estimator;
+use crate::stripe::colour_projection::{ColourProjection, measure_projections};
 use crate::stripe::stripe_line::{ScanDirection, StripeLine};
 use crate::stripe::trace::{StripePoint, TraceSettings, measure_half_width_px, trace, trace_again};
 use crate::units::{LaserId, Px};
@@ -235,7 +234,7 @@ pub(crate) fn inner_segments(
         }
         // Anew when the plane is nearly right; in between they would hardly change.
         if round != 1 {
-            inner.projections = measure_tints(frame, calibration, &pieces).try_into().ok()?;
+            inner.projections = measure_projections(frame, calibration, &pieces).try_into().ok()?;
             inner.half_width_px = measure_half_width_px(frame, calibration, &pieces, &inner.projections)
                 .unwrap_or(inner.half_width_px);
         }
@@ -265,8 +264,8 @@ impl InnerSegments {
             min_signal_to_noise: if faint { LEAST_FAINT_SNR } else { LEAST_SNR },
             half_width_px: self.half_width_px,
             projection: self.projections[id.index()],
-            estimator: Estimator::CentreOfGravity,
             smooth_px: if faint { SMOOTH_SHARE * self.half_width_px } else { 0.0 },
+            ..TraceSettings::default()
         }
     }
 }

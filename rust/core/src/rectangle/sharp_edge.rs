@@ -17,8 +17,6 @@ use crate::face::outline::SIDES;
 use crate::frames::Plane;
 use crate::image::Frame;
 use crate::statistics::{median, robust_sigma, tukey_weight};
-use crate::stripe::colour_projection::ColourProjection;
-use crate::stripe::peak::Estimator;
 use crate::stripe::stripe_line::{ScanDirection, StripeLine};
 use crate::stripe::trace::{TraceSettings, trace};
 use crate::units::{LaserId, Px};
@@ -223,15 +221,7 @@ fn collect(
     }
     let range = if to > from { from..from + FOLLOW_PX } else { from - FOLLOW_PX..from };
     let start = line.px_at(calibration, range.start.max(0.0), line.scan.across(end))?.0;
-    let settings = TraceSettings {
-        rows: 4,
-        search_px: 8.0,
-        min_signal_to_noise: 4.0,
-        half_width_px: face.half_width_px,
-        projection: ColourProjection::LASER_RESPONSE,
-        estimator: Estimator::CentreOfGravity,
-        smooth_px: 0.0,
-    };
+    let settings = TraceSettings { half_width_px: face.half_width_px, ..TraceSettings::default() };
     let inside = normal(fit);
     let reference = middle(fit, side);
     for found in trace(frame, calibration, &line, range, start, &settings).iter().filter_map(|p| p.found) {

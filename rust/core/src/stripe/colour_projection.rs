@@ -8,6 +8,7 @@ use crate::image::Frame;
 use crate::statistics::median;
 use crate::units::Px;
 use nalgebra::{Matrix3, Vector3};
+use std::ops::{Range, RangeInclusive};
 
 /// Weights of red, green and blue.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,45 +38,66 @@ impl ColourProjection {
     }
 }
 
-/// The stripe's middle and what lies beside it, px across: a stripe is 8 to 20 px wide at its foot, its place is known to
-/// 4 px here.
-const MIDDLE_PX: std::ops::RangeInclusive<i32> = -3..=3;
-const BESIDE_PX: std::ops::RangeInclusive<i32> = 18..=24;
-/// Noise of the mean of such a range that is always there, grey levels: JPEG's steps.
-const FLOOR: f64 = 1.0;
-/// What red laser light does to a camera if the picture tells nothing: mostly red, some of it seen by green and blue.
-const LASER: Vector3<f64> = Vector3::new(1.0, 0.15, 0.1);
-/// Every so many rows is looked at.
-const ROW_STEP: usize = 2;
-/// Rows that count as enough to believe the picture.
-const FEWEST: usize = 24;
+/// Settings of the measurement.
+#[derive(Clone, Debug)]
+struct ProjectionSettings {
+    /// The stripe's middle, px across: a stripe is 8 to 20 px wide at its foot, its place is known to 4 px here.
+    middle_px: RangeInclusive<i32>,
+    /// What lies beside it, px to either side. Nearer has the stripe's own light, farther other things.
+    beside_px: RangeInclusive<i32>,
+    /// Noise of the mean of such a range that is always there, grey levels: JPEG's steps. More gives each colour more equal weight.
+    floor: f64,
+    /// What red laser light does to a camera if the picture tells nothing, grey levels: mostly red, some of it seen by green and blue.
+    laser: Vector3<f64>,
+    /// Every so many rows is looked at.
+    row_step: usize,
+    /// Rows that are enough to believe the picture. More leaves short pieces with laser response.
+    fewest: usize,
+    /// Share of the rows, those with the least difference between both sides, that tell the noise: a letter that is crossed is none, but fine
+    /// print and texture are.
+    quiet_share: f64,
+    /// A piece on which the stripe is less than this share as high as usual lies on print for the most part, and has the usual step instead.
+    least_step: f64,
+}
 
-/// Share of the rows, those with the least difference between both sides, that tell the noise: a letter that is crossed is
-/// none, but fine print and texture are.
-const QUIET_SHARE: f64 = 0.85;
-/// A piece on which the stripe is less than this share as high as usual lies on print for the most part.
-const LEAST_STEP: f64 = 0.35;
+impl Default for ProjectionSettings {
+    fn default() -> Self {
+        Self {
+            middle_px: -3..=3,
+            beside_px: 18..=24,
+            floor: 1.0,
+            laser: Vector3::new(1.0, 0.15, 0.1),
+            row_step: 2,
+            fewest: 24,
+            quiet_share: 0.85,
+            least_step: 0.35,
+        }
+    }
+}
 
-/// The tints of the pieces of stripes, each given as a line, a range along it and a pixel to start at.
-pub(crate) fn measure_tints(
+/// The projections of the pieces of stripes, each given as a line, a range along it and a pixel to start at.
+pub(crate) fn measure_projections(
     frame: &Frame,
     calibration: &Calibration,
-    pieces: &[(StripeLine, std::ops::Range<f64>, Px)],
+    pieces: &[(StripeLine, Range<f64>, Px)],
 ) -> Vec<ColourProjection> {
-    let seen: Vec<Crossings> = pieces.iter().map(|piece| crossings(frame, calibration, piece)).collect();
+    let settings = ProjectionSettings::default();
+    let seen: Vec<Crossings> =
+        pieces.iter().map(|piece| crossings(frame, calibration, piece, &settings)).collect();
     let all: Vec<Vector3<f64>> = seen.iter().flat_map(|s| s.steps.iter().copied()).collect();
     let usual = median_step(&all);
     seen.iter()
         .map(|s| {
-            if s.steps.len() < FEWEST {
+            if s.steps.len() < settings.fewest {
                 return ColourProjection::LASER_RESPONSE;
             }
             let own = median_step(&s.steps);
-            let step = if own.dot(&usual) < LEAST_STEP * usual.norm_squared() { usual } else { own };
-            let noise = quiet_covariance(&s.differences) + Matrix3::identity() * (FLOOR * FLOOR);
+            let step = if own.dot(&usual) < settings.least_step * usual.norm_squared() { usual } else { own };
+            let noise = quiet_covariance(&s.differences, settings.quiet_share)
+                + Matrix3::identity() * (settings.floor * settings.floor);
             noise
                 .try_inverse()
-                .and_then(|inverse| ColourProjection::along(inverse * (step + LASER)))
+                .and_then(|inverse| ColourProjection::along(inverse * (step + settings.laser)))
                 .unwrap_or(ColourProjection::LASER_RESPONSE)
         })
         .collect()
@@ -94,10 +116,10 @@ fn median_step(steps: &[Vector3<f64>]) -> Vector3<f64> {
     Vector3::from_fn(|c, _| median(steps.iter().map(|s| s[c])).unwrap_or(0.0).max(0.0))
 }
 
-fn quiet_covariance(differences: &[Vector3<f64>]) -> Matrix3<f64> {
+fn quiet_covariance(differences: &[Vector3<f64>], share: f64) -> Matrix3<f64> {
     let mut order: Vec<&Vector3<f64>> = differences.iter().collect();
     order.sort_by(|a, b| a.norm_squared().total_cmp(&b.norm_squared()));
-    let count = ((order.len() as f64 * QUIET_SHARE) as usize).max(1);
+    let count = ((order.len() as f64 * share) as usize).max(1);
     let sum = order.iter().take(count).fold(Matrix3::zeros(), |sum, d| sum + *d * d.transpose());
     sum / count as f64
 }
@@ -105,8 +127,11 @@ fn quiet_covariance(differences: &[Vector3<f64>]) -> Matrix3<f64> {
 fn crossings(
     frame: &Frame,
     calibration: &Calibration,
-    (line, range, start): &(StripeLine, std::ops::Range<f64>, Px),
+    (line, range, start): &(StripeLine, Range<f64>, Px),
+    settings: &ProjectionSettings,
 ) -> Crossings {
+    let (middle, beside) = (&settings.middle_px, &settings.beside_px);
+    let left = -*beside.end()..=-*beside.start();
     let (along_stride, across_stride, along_size, across_size) = match line.scan {
         ScanDirection::Rows => (frame.width_px(), 1, frame.height_px(), frame.width_px()),
         ScanDirection::Columns => (1, frame.width_px(), frame.width_px(), frame.height_px()),
@@ -117,12 +142,12 @@ fn crossings(
     while (row as f64) < range.end.min(along_size as f64) {
         let Some(place) = line.place_at(calibration, row as f64, other) else { break };
         let here = line.scan.across(place.px);
-        other = here + ROW_STEP as f64 * place.slope;
+        other = here + settings.row_step as f64 * place.slope;
         let spacing = 1.0 / place.factor.max(0.3);
-        let mean = |offsets: std::ops::RangeInclusive<i32>| -> Option<Vector3<f64>> {
+        let mean = |offsets: &RangeInclusive<i32>| -> Option<Vector3<f64>> {
             let mut sum = [0u32; 3];
             let count = f64::from(offsets.end() - offsets.start() + 1);
-            for offset in offsets {
+            for offset in offsets.clone() {
                 let at = here + f64::from(offset) * spacing + 0.5;
                 if !(at >= 0.0 && at < across_size as f64) {
                     return None;
@@ -133,12 +158,11 @@ fn crossings(
             }
             Some(Vector3::from(sum.map(f64::from)) / count)
         };
-        let left = -*BESIDE_PX.end()..=-*BESIDE_PX.start();
-        if let (Some(l), Some(m), Some(r)) = (mean(left), mean(MIDDLE_PX), mean(BESIDE_PX)) {
+        if let (Some(l), Some(m), Some(r)) = (mean(&left), mean(middle), mean(beside)) {
             seen.steps.push(m - (l + r) * 0.5);
             seen.differences.push(l - r);
         }
-        row += ROW_STEP;
+        row += settings.row_step;
     }
     seen
 }
@@ -191,7 +215,7 @@ mod tests {
         }
         let frame = Frame::from_rgb(640, 480, rgb).expect("the size fits");
         let start = line.px_at(&calibration, 60.0, 320.0).expect("on the line").0;
-        measure_tints(&frame, &calibration, &[(line, 60.0..420.0, start)])[0]
+        measure_projections(&frame, &calibration, &[(line, 60.0..420.0, start)])[0]
     }
 
     #[test]

@@ -25,14 +25,11 @@ pub(crate) struct StripePoint {
     pub noise: f64,
 }
 
-/// Predictions that differ by less than this find the same peak, px.
-const SAME_PX: f64 = 0.25;
-
 impl StripePoint {
     /// The same place as another plane predicts it, which does not change the peak; `None` if that is too far to know.
-    fn predicted_anew(&self, scan: ScanDirection, place: &OnLine, search_px: f64) -> Option<Self> {
+    fn predicted_anew(&self, scan: ScanDirection, place: &OnLine, settings: &TraceSettings) -> Option<Self> {
         let across = scan.across(place.px);
-        if (across - scan.across(self.predicted)).abs() * place.factor > SAME_PX {
+        if (across - scan.across(self.predicted)).abs() * place.factor > settings.same_px {
             return None;
         }
         let found = self.found.map(|found| StripeCentre {
@@ -40,7 +37,7 @@ impl StripePoint {
             ..found
         });
         // As a look at it would have it.
-        let found = found.filter(|found| found.residual_px.abs() <= search_px + 1.0);
+        let found = found.filter(|found| found.residual_px.abs() <= settings.search_px + 1.0);
         Some(Self { predicted: place.px, found, ..*self })
     }
 }
@@ -76,12 +73,35 @@ pub(crate) struct TraceSettings {
     /// Across how much each profile is averaged before a peak is looked for, px; 0 for none. More finds fainter light (a stripe
     /// is then judged by all of its width) and blurs a clear one.
     pub smooth_px: f64,
+    /// A peak below this many grey levels of laser response is no stripe whatever the noise: JPEG steps are of that size. Less finds such steps.
+    pub min_amplitude: f64,
+    /// ... where profiles are smoothed, of which more than a hundred rows are added, which leaves little of such steps.
+    pub min_smooth_amplitude: f64,
+    /// Predictions that differ by less than this find the same peak, px. More is quicker and less exact.
+    pub same_px: f64,
 }
 
-/// A peak below this many grey levels of laser response is no stripe whatever the noise: JPEG steps are of that size.
-const MIN_AMPLITUDE: f64 = 2.0;
-/// ... where more than a hundred rows are added, which leaves little of such steps.
-const MIN_SMOOTH_AMPLITUDE: f64 = 0.8;
+impl TraceSettings {
+    pub const DEFAULT: Self = Self {
+        rows: 4,
+        search_px: 8.0,
+        min_signal_to_noise: 4.0,
+        half_width_px: 10.0,
+        projection: ColourProjection::LASER_RESPONSE,
+        estimator: Estimator::CentreOfGravity,
+        smooth_px: 0.0,
+        min_amplitude: 2.0,
+        min_smooth_amplitude: 0.8,
+        same_px: 0.25,
+    };
+}
+
+impl Default for TraceSettings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
+
 /// Sums of so many rows of bytes fit 16 bits.
 const MOST_ROWS: usize = 257;
 
@@ -139,7 +159,7 @@ pub(crate) fn trace_again(
             seen = rest;
         }
         if let Some(point) = seen.first().filter(|point| point.along_px == middle)
-            && let Some(point) = point.predicted_anew(line.scan, &place, settings.search_px)
+            && let Some(point) = point.predicted_anew(line.scan, &place, settings)
         {
             points.push(point);
             row += rows;
@@ -172,7 +192,7 @@ pub(crate) fn trace_again(
         smooth(&mut profile, beside);
         // Smoothed noise goes together over so many samples.
         let together = ((2 * beside + 1) as f64).sqrt();
-        let least = if beside > 0 { MIN_SMOOTH_AMPLITUDE } else { MIN_AMPLITUDE };
+        let least = if beside > 0 { settings.min_smooth_amplitude } else { settings.min_amplitude };
         let found = find_peak(
             &profile,
             expected,
@@ -345,9 +365,8 @@ mod tests {
             search_px: 5.0,
             min_signal_to_noise: 3.0,
             half_width_px: 3.0 * width_px,
-            projection: ColourProjection::LASER_RESPONSE,
             estimator,
-            smooth_px: 0.0,
+            ..TraceSettings::default()
         }
     }
 
