@@ -49,35 +49,66 @@ pub(crate) struct FaceStripes {
     pub stripes: [FaceStripe; 4],
     /// Half the width of the stripes at their foot, px.
     pub half_width_px: f64,
-    /// The usual height of each stripe's peak, grey levels in its tint.
-    usual: [f64; 4],
+    /// Peaks of each stripe that are higher are red print, grey levels in its projection.
+    highest: [f64; 4],
 }
 
 impl FaceStripes {
     /// The centres of one stripe on the plane, without those that red print gave.
     pub fn centres(&self, id: LaserId) -> impl Iterator<Item = StripeObservation> + '_ {
         let stripe = &self.stripes[id.index()];
-        centres(id, &stripe.points[stripe.on_plane.clone()], self.usual[id.index()])
+        centres(id, &stripe.points[stripe.on_plane.clone()], self.highest[id.index()])
     }
 }
 
-/// Fewest and most rows in one profile: 4 keep the ends sharp, 64 still follow a line that a tilted face bends.
-const ROWS: std::ops::RangeInclusive<usize> = 4..=64;
-/// Rows for faint stripes: an inner segment has some 300, and a plane needs a dozen centres.
-const FAINT_ROWS: usize = 64;
-/// Across how much of their half width they are averaged, which makes up for the rows.
-const SMOOTH_SHARE: f64 = 0.35;
-/// Smallest peak over noise: what is not the stripe is left out by the plane's fit.
-const LEAST_SNR: f64 = 3.0;
-const LEAST_FAINT_SNR: f64 = 2.0;
-/// Half width of a stripe before it is measured, px: between the narrowest and the widest.
-const FIRST_HALF_WIDTH_PX: f64 = 10.0;
-/// Peak over noise that one profile should reach: at 6 the centre scatters by about a pixel.
-const WANTED_SNR: f64 = 6.0;
-/// A peak this many sigmas from the prediction counts neither for nor against the plane; farther away it counts against.
-const ON_PLANE_SIGMAS: f64 = 2.5;
+/// Settings of the way from a plane's hypothesis to the stripes on the face.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct FollowSettings {
+    /// For stripes that some rows show.
+    clear: ContrastSettings,
+    /// For stripes that only sums over whole segments show.
+    faint: ContrastSettings,
+    /// Fewest rows in one profile; 4 keep the ends sharp.
+    fewest_rows: usize,
+    /// Half width of a stripe before it is measured, px: between the narrowest and the widest.
+    first_half_width_px: f64,
+    /// Peak over noise that one profile should reach: at 6 the centre scatters by about a pixel. More adds more rows, which blurs the ends.
+    wanted_snr: f64,
+    /// A peak this many sigmas from the prediction counts neither for nor against the plane; farther away it counts against. More takes what is
+    /// beside the plane for the face, less loses bulged faces.
+    on_plane_sigmas: f64,
+    /// The prediction's uncertainty grows with the distance from what was fitted, so the first steps are short and lenient.
+    passes: [Pass; 4],
+    /// A peak lower than this share of the stripe's usual height is another surface (the floor behind the box): black print reflects at least 4 %
+    /// where cardboard reflects 30 %. More loses dark print, less follows the stripe onto the floor.
+    least_share: f64,
+    /// A peak higher than this many times the usual height is red print: a white label reflects 2 to 3 times what cardboard does.
+    most_share: f64,
+    /// Residuals of four true stripes scatter by 0.6 to 1.2 of their sigmas; above this one is looked for that does not fit ...
+    suspicious_scale: f64,
+    /// ... and is left out if the others then scatter by less than this share of it. More leaves out true ones.
+    outlier_gain: f64,
+    /// What a place without a peak counts against the stripe, a place with a peak on the plane counting 1: dark print and black tape swallow a
+    /// stripe for a while; it must come back for as many places as half the gap. Nearer to 0 bridges longer gaps.
+    absent: f64,
+}
+
+/// What differs with how well stripes are seen.
+#[derive(Clone, Copy, Debug)]
+struct ContrastSettings {
+    /// Rows per profile to begin with, and at most: 64 still follow a line that a tilted face bends. Of a faint inner segment, which has some 300
+    /// rows, a plane needs a dozen centres.
+    rows: [usize; 2],
+    /// Farthest peak from the prediction in each round, px.
+    search_px: [f64; 3],
+    /// Smallest peak over noise: what is not the stripe is left out by the plane's fit.
+    least_snr: f64,
+    /// Across how much of their half width profiles are averaged, which makes up for the rows.
+    smooth_share: f64,
+}
 
 /// One pass outwards along the stripes.
+#[derive(Clone, Copy, Debug)]
 struct Pass {
     /// Farthest peak from the prediction, px.
     search_px: f64,
@@ -87,26 +118,51 @@ struct Pass {
     slack_px: f64,
 }
 
-/// The prediction's uncertainty grows with the distance from what was fitted, so the first steps are short and lenient.
-const PASSES: &[Pass] = &[
-    Pass { search_px: 6.0, reach: 0.5, slack_px: 0.8 },
-    Pass { search_px: 5.0, reach: 1.5, slack_px: 0.5 },
-    Pass { search_px: 4.0, reach: f64::INFINITY, slack_px: 0.3 },
-    Pass { search_px: 4.0, reach: f64::INFINITY, slack_px: 0.2 },
-];
-/// A peak lower than this share of the stripe's usual height is another surface (the floor behind the box): black print
-/// reflects at least 4 % where cardboard reflects 30 %.
-const LEAST_SHARE: f64 = 0.13;
-/// A peak higher than this many times the usual height is red print: a white label reflects 2 to 3 times what cardboard
-/// does.
-const MOST_SHARE: f64 = 3.5;
-/// Residuals of four true stripes scatter by 0.6 to 1.2 of their sigmas; above this one is looked for that does not fit.
-const SUSPICIOUS_SCALE: f64 = 1.3;
-/// ... and is left out if the others then scatter by less than this share of it.
-const LIAR_GAIN: f64 = 0.8;
-/// What a place without a peak counts against the stripe, a place with a peak on the plane counting 1: dark print and
-/// black tape swallow a stripe for a while; it must come back for as many places as half the gap.
-const ABSENT: f64 = -0.5;
+impl Default for FollowSettings {
+    fn default() -> Self {
+        let pass = |search_px, reach, slack_px| Pass { search_px, reach, slack_px };
+        let everywhere = f64::INFINITY;
+        Self {
+            clear: ContrastSettings {
+                rows: [16, 64],
+                search_px: [10.0, 6.0, 4.0],
+                least_snr: 3.0,
+                smooth_share: 0.0,
+            },
+            faint: ContrastSettings {
+                rows: [64, 64],
+                search_px: [6.0, 5.0, 4.0],
+                least_snr: 2.0,
+                smooth_share: 0.35,
+            },
+            fewest_rows: 4,
+            first_half_width_px: 10.0,
+            wanted_snr: 6.0,
+            on_plane_sigmas: 2.5,
+            passes: [
+                pass(6.0, 0.5, 0.8),
+                pass(5.0, 1.5, 0.5),
+                pass(4.0, everywhere, 0.3),
+                pass(4.0, everywhere, 0.2),
+            ],
+            least_share: 0.13,
+            most_share: 3.5,
+            suspicious_scale: 1.3,
+            outlier_gain: 0.8,
+            absent: -0.5,
+        }
+    }
+}
+
+impl FollowSettings {
+    fn of(&self, contrast: StripeContrast) -> &ContrastSettings {
+        match contrast {
+            StripeContrast::Clear => &self.clear,
+            StripeContrast::Faint => &self.faint,
+        }
+    }
+}
+
 /// The crossing of lasers `i` and `j` on a plane.
 pub(crate) fn crossing_px(
     calibration: &Calibration,
@@ -181,24 +237,6 @@ pub(crate) enum StripeContrast {
     Faint,
 }
 
-impl StripeContrast {
-    /// Rows per profile to begin with, and at most.
-    fn rows(self) -> [usize; 2] {
-        match self {
-            Self::Clear => [16, *ROWS.end()],
-            Self::Faint => [FAINT_ROWS; 2],
-        }
-    }
-
-    /// Farthest peak from the prediction in each round, px.
-    fn search_px(self) -> [f64; 3] {
-        match self {
-            Self::Clear => [10.0, 6.0, 4.0],
-            Self::Faint => [6.0, 5.0, 4.0],
-        }
-    }
-}
-
 /// What the inner segments of the four stripes (between their crossings) tell.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct InnerSegments {
@@ -208,6 +246,7 @@ pub(crate) struct InnerSegments {
     projections: [ColourProjection; 4],
     usual: [f64; 4],
     contrast: StripeContrast,
+    settings: FollowSettings,
 }
 
 /// Refines the plane of a hypothesis on the inner segments alone: whatever lies around the face cannot mislead them.
@@ -218,16 +257,18 @@ pub(crate) fn inner_segments(
     start: &Plane<Cam>,
     contrast: StripeContrast,
 ) -> Option<InnerSegments> {
-    let [first_rows, most_rows] = contrast.rows();
+    let settings = FollowSettings::default();
+    let ContrastSettings { rows: [first_rows, most_rows], search_px, .. } = *settings.of(contrast);
     let mut inner = InnerSegments {
         plane: *start,
-        half_width_px: FIRST_HALF_WIDTH_PX,
+        half_width_px: settings.first_half_width_px,
         rows: [first_rows; 4],
         projections: [ColourProjection::LASER_RESPONSE; 4],
         usual: [0.0; 4],
         contrast,
+        settings,
     };
-    for (round, search_px) in contrast.search_px().into_iter().enumerate() {
+    for (round, search_px) in search_px.into_iter().enumerate() {
         let mut pieces = Vec::with_capacity(4);
         for id in LaserId::ALL {
             pieces.push(inner_segment(calibration, &inner.plane, id)?);
@@ -240,31 +281,37 @@ pub(crate) fn inner_segments(
         }
         let mut traces = Vec::with_capacity(4);
         for (id, (line, range, from)) in LaserId::ALL.into_iter().zip(pieces) {
-            let settings = inner.settings(id, search_px);
-            let points = trace(frame, calibration, &line, range, from, &settings);
-            inner.rows[id.index()] = rows_for(&points, settings.rows, most_rows);
+            let tracing = inner.trace_settings(id, search_px);
+            let points = trace(frame, calibration, &line, range, from, &tracing);
+            inner.rows[id.index()] = rows_for(&points, tracing.rows, most_rows, &settings);
             traces.push(points);
         }
         inner.usual = usual_amplitudes(&traces)?;
         let mut observations = Vec::new();
+        let highest = inner.highest();
         for (id, points) in LaserId::ALL.into_iter().zip(&traces) {
-            observations.extend(centres(id, points, inner.usual[id.index()]));
+            observations.extend(centres(id, points, highest[id.index()]));
         }
-        inner.plane = fit_without_a_liar(calibration, &observations, &inner.plane)?;
+        inner.plane = fit_without_outlier(calibration, &observations, &inner.plane, &settings)?;
     }
     Some(inner)
 }
 
 impl InnerSegments {
-    fn settings(&self, id: LaserId, search_px: f64) -> TraceSettings {
-        let faint = self.contrast == StripeContrast::Faint;
+    /// Peaks that are higher are none of each stripe.
+    fn highest(&self) -> [f64; 4] {
+        self.usual.map(|usual| self.settings.most_share * usual)
+    }
+
+    fn trace_settings(&self, id: LaserId, search_px: f64) -> TraceSettings {
+        let contrast = self.settings.of(self.contrast);
         TraceSettings {
             rows: self.rows[id.index()],
             search_px,
-            min_signal_to_noise: if faint { LEAST_FAINT_SNR } else { LEAST_SNR },
+            min_signal_to_noise: contrast.least_snr,
             half_width_px: self.half_width_px,
             projection: self.projections[id.index()],
-            smooth_px: if faint { SMOOTH_SHARE * self.half_width_px } else { 0.0 },
+            smooth_px: contrast.smooth_share * self.half_width_px,
             ..TraceSettings::default()
         }
     }
@@ -283,7 +330,7 @@ pub(crate) fn follow_stripes(
 ) -> Option<FaceStripes> {
     let (mut before, mut plane) = (inner.plane, inner.plane);
     let mut result: Option<FaceStripes> = None;
-    for pass in PASSES {
+    for pass in &inner.settings.passes {
         let mut observations = Vec::new();
         let mut stripes = Vec::with_capacity(4);
         // The plane hardly moves any more towards the end.
@@ -297,7 +344,7 @@ pub(crate) fn follow_stripes(
             observations.extend(centres(
                 id,
                 &stripe.points[stripe.on_plane.clone()],
-                inner.usual[id.index()],
+                inner.highest()[id.index()],
             ));
             stripes.push(stripe);
         }
@@ -307,7 +354,7 @@ pub(crate) fn follow_stripes(
             fit,
             stripes: stripes.try_into().ok()?,
             half_width_px: inner.half_width_px,
-            usual: inner.usual,
+            highest: inner.highest(),
         });
     }
     result
@@ -315,14 +362,15 @@ pub(crate) fn follow_stripes(
 
 /// Fits the plane; if leaving one stripe out makes the others agree much better, that one followed something else (the
 /// straight lower edge of a line of print) and is left out: three stripes fix a plane.
-fn fit_without_a_liar(
+fn fit_without_outlier(
     calibration: &Calibration,
     observations: &[StripeObservation],
     start: &Plane<Cam>,
+    settings: &FollowSettings,
 ) -> Option<Plane<Cam>> {
     let all = fit_plane(calibration, observations, start)?;
-    let mut best = (all.scale * LIAR_GAIN, all.plane);
-    if all.scale > SUSPICIOUS_SCALE {
+    let mut best = (all.scale * settings.outlier_gain, all.plane);
+    if all.scale > settings.suspicious_scale {
         for id in LaserId::ALL {
             let others: Vec<StripeObservation> =
                 observations.iter().filter(|o| o.laser != id).copied().collect();
@@ -352,12 +400,12 @@ fn usual_amplitudes(traces: &[Vec<StripePoint>]) -> Option<[f64; 4]> {
 fn centres(
     laser: LaserId,
     points: &[StripePoint],
-    usual: f64,
+    highest: f64,
 ) -> impl Iterator<Item = StripeObservation> + '_ {
     points
         .iter()
         .filter_map(|p| p.found)
-        .filter(move |f| f.amplitude < MOST_SHARE * usual)
+        .filter(move |f| f.amplitude < highest)
         .map(move |f| StripeObservation { laser, at: f.at, sigma_px: f.sigma_px })
 }
 
@@ -375,11 +423,11 @@ pub(crate) fn inner_segment(
 }
 
 /// Rows per profile so that the median place reaches the wanted signal to noise.
-fn rows_for(points: &[StripePoint], rows: usize, most: usize) -> usize {
+fn rows_for(points: &[StripePoint], rows: usize, most: usize, settings: &FollowSettings) -> usize {
     let snr = points.iter().map(|p| p.found.map_or(1.0, |f| f.amplitude / p.noise.max(1e-3)));
     let Some(usual) = median(snr) else { return rows };
-    let needed = rows as f64 * (WANTED_SNR / usual).powi(2);
-    let mut power = *ROWS.start();
+    let needed = rows as f64 * (settings.wanted_snr / usual).powi(2);
+    let mut power = settings.fewest_rows;
     while (power as f64) < needed && power < most {
         power *= 2;
     }
@@ -397,7 +445,7 @@ fn follow(
     limits: Option<[Px; 2]>,
     seen: Option<&FaceStripe>,
 ) -> Option<FaceStripe> {
-    let settings = &known.settings(id, pass.search_px);
+    let (settings, following) = (&known.trace_settings(id, pass.search_px), &known.settings);
     let usual = known.usual[id.index()];
     let (line, inner, first) = inner_segment(calibration, plane, id)?;
     let size = match line.scan {
@@ -421,11 +469,15 @@ fn follow(
     }
     // The log-likelihood of "on the plane" against "anywhere", scaled to +-1.
     let score = |p: &StripePoint| match p.found {
-        Some(f) if f.amplitude < LEAST_SHARE * usual || f.amplitude > MOST_SHARE * usual => ABSENT,
-        Some(f) => {
-            (1.0 - (f.residual_px / (ON_PLANE_SIGMAS * f.sigma_px.hypot(pass.slack_px))).powi(2)).max(-1.0)
+        Some(f)
+            if f.amplitude < following.least_share * usual || f.amplitude > following.most_share * usual =>
+        {
+            following.absent
         }
-        None => ABSENT,
+        Some(f) => (1.0
+            - (f.residual_px / (following.on_plane_sigmas * f.sigma_px.hypot(pass.slack_px))).powi(2))
+        .max(-1.0),
+        None => following.absent,
     };
     let lo = points.partition_point(|p| p.along_px < inner.start);
     let hi = points.partition_point(|p| p.along_px <= inner.end);
