@@ -59,7 +59,7 @@ const SAME_PX: f64 = 3.0;
 
 /// Pairs of lines that were measured as one.
 struct Lines {
-    told: Vec<Pair>,
+    pairs: Vec<Pair>,
     /// Probability of all outlines with them that were tried.
     tried: f64,
 }
@@ -107,30 +107,30 @@ pub(crate) fn weighed(
 /// Takes up an outline's pair of lines, as the same as `with`.
 fn join(all: &mut Vec<Lines>, with: Pair, pair: Pair, probability: f64) {
     let of =
-        |all: &[Lines], pair: Pair| all.iter().position(|l| l.told.iter().any(|p| p.lines == pair.lines));
+        |all: &[Lines], pair: Pair| all.iter().position(|l| l.pairs.iter().any(|p| p.lines == pair.lines));
     let Some(at) = of(all, with) else {
-        all.push(Lines { told: vec![pair], tried: probability });
+        all.push(Lines { pairs: vec![pair], tried: probability });
         return;
     };
     all[at].tried += probability;
     match of(all, pair) {
         Some(other) if other != at => {
-            let Lines { told, tried } = all.swap_remove(other);
+            let Lines { pairs, tried } = all.swap_remove(other);
             let at = if at == all.len() { other } else { at };
-            all[at].told.extend(told);
+            all[at].pairs.extend(pairs);
             all[at].tried += tried;
         }
         Some(_) => {}
-        None => all[at].told.push(pair),
+        None => all[at].pairs.push(pair),
     }
 }
 
 /// Probability of a pair of lines beyond that of all outlines with it that were tried; told once.
 fn untried_with(all: &mut [Lines], pair: Pair) -> f64 {
-    let known = all.iter_mut().find(|lines| lines.told.iter().any(|p| p.lines == pair.lines));
+    let known = all.iter_mut().find(|lines| lines.pairs.iter().any(|p| p.lines == pair.lines));
     known.map_or(0.0, |lines| {
-        let left = lines.told.iter().map(|p| p.probability).sum::<f64>() - lines.tried;
-        lines.told.iter_mut().for_each(|p| p.probability = 0.0);
+        let left = lines.pairs.iter().map(|p| p.probability).sum::<f64>() - lines.tried;
+        lines.pairs.iter_mut().for_each(|p| p.probability = 0.0);
         left.max(0.0)
     })
 }
@@ -159,7 +159,7 @@ struct State<'a> {
     /// Whether its length and its width lie between the right lines.
     right: [bool; 2],
     /// Whether the frame shows a face at all.
-    told: bool,
+    face_seen: bool,
 }
 
 fn states<'a>(seen: Option<&'a FaceHypotheses>) -> Vec<State<'a>> {
@@ -167,7 +167,7 @@ fn states<'a>(seen: Option<&'a FaceHypotheses>) -> Vec<State<'a>> {
     for (index, hypothesis) in seen.iter().flat_map(|seen| seen.faces.iter().enumerate()) {
         if let Ok(face) = &hypothesis.face {
             let mut state = |probability, right| {
-                found.push(State { probability, index, face: Some(&**face), right, told: true })
+                found.push(State { probability, index, face: Some(&**face), right, face_seen: true })
             };
             state(hypothesis.probability, [true, true]);
             state(hypothesis.half[0], [true, false]);
@@ -176,8 +176,8 @@ fn states<'a>(seen: Option<&'a FaceHypotheses>) -> Vec<State<'a>> {
     }
     found.retain(|state| state.probability >= LEAST);
     let probability = (1.0 - found.iter().map(|state| state.probability).sum::<f64>()).max(0.0);
-    let told = !found.is_empty();
-    found.push(State { probability, index: 0, face: None, right: [false; 2], told });
+    let face_seen = !found.is_empty();
+    found.push(State { probability, index: 0, face: None, right: [false; 2], face_seen });
     found
 }
 
@@ -190,7 +190,7 @@ fn agreement(states: &[State<'_>], arrangement: &[cuboid::SidesOfFace]) -> f64 {
         let mut first = None;
         let mut unknown = 0;
         for (state, sides) in states.iter().zip(arrangement) {
-            for direction in (0..2).filter(|direction| state.told && sides[*direction] == side) {
+            for direction in (0..2).filter(|direction| state.face_seen && sides[*direction] == side) {
                 match (state.face.filter(|_| state.right[direction]), first) {
                     (Some(face), Some(known)) => density *= cuboid::agreement(known, (face, direction)),
                     (Some(face), None) => first = Some((face, direction)),

@@ -6,7 +6,7 @@ use crate::calibration::Calibration;
 use crate::cuboid;
 use crate::edges::EdgePoint;
 use crate::face::extent::crossing_px;
-use crate::face::outline::{RoughRectangle, SIDES};
+use crate::face::outline::{InitialRectangle, SIDES};
 use crate::face::plane_fit::{StripeObservation, fit_plane};
 use crate::face::raster::{OnPlane, PlaneRaster};
 use crate::frames::Plane;
@@ -85,9 +85,9 @@ pub fn measure_points(
     });
     let offsets_mm = [0, 1, 2, 3].map(|side| SIDES[side].0.offset(middles[order[side]]));
     let mm_per_px = raster.mm_per_px(calibration, OnPlane::zeros())?;
-    let rough = RoughRectangle::new(raster, offsets_mm, mm_per_px);
+    let initial = InitialRectangle::new(raster, offsets_mm, mm_per_px);
     let observed = FaceObservations { calibration, stripes: &stripes, edges: &edges };
-    let fitted = observed.fit(&rough, settings)?;
+    let fitted = observed.fit(&initial, settings)?;
     let profiles = order.map(|i| {
         let profile = sides[i].profile.as_ref()?;
         let (light, sigma) = profile.samples.iter().copied().unzip();

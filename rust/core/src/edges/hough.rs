@@ -4,7 +4,7 @@
 use super::map::{EdgePixel, edge_pixels, edge_pixels_of_map};
 use super::{EdgeDetector, EdgePoint};
 use crate::calibration::Calibration;
-use crate::face::outline::{RoughRectangle, SIDES};
+use crate::face::outline::{InitialRectangle, SIDES};
 use crate::face::plane_fit::{PxView, residual_px};
 use crate::frames::{Cam, Plane};
 use crate::image::Frame;
@@ -73,7 +73,7 @@ impl EdgeDetector for HoughDetector<'_> {
         &self,
         frame: &Frame,
         calibration: &Calibration,
-        rough: &RoughRectangle,
+        initial: &InitialRectangle,
         keep_out: &[(Px, f64)],
     ) -> [Vec<EdgePoint>; 4] {
         let (mut pixels, coarseness) = match self.map {
@@ -85,7 +85,7 @@ impl EdgeDetector for HoughDetector<'_> {
         }
         let lines = lines(&pixels, frame, coarseness);
         [0, 1, 2, 3].map(|side| {
-            side_points(calibration, rough, side, &pixels, &lines, keep_out, coarseness).unwrap_or_default()
+            side_points(calibration, initial, side, &pixels, &lines, keep_out, coarseness).unwrap_or_default()
         })
     }
 }
@@ -186,7 +186,7 @@ fn cluster(peaks: Vec<Line>) -> Vec<Line> {
 
 fn side_points(
     calibration: &Calibration,
-    rough: &RoughRectangle,
+    initial: &InitialRectangle,
     side: usize,
     pixels: &[EdgePixel],
     lines: &[Line],
@@ -194,8 +194,8 @@ fn side_points(
     coarseness: f64,
 ) -> Option<Vec<EdgePoint>> {
     let (across, _) = SIDES[side];
-    let (from, to) = rough.span_mm(side);
-    let corner = |along: f64| rough.raster.pixel(calibration, across.at(rough.offsets_mm[side], along));
+    let (from, to) = initial.span_mm(side);
+    let corner = |along: f64| initial.raster.pixel(calibration, across.at(initial.offsets_mm[side], along));
     let (first, last) = (corner(from)?, corner(to)?);
     let misfit = |l: &Line| l.distance_px(first).abs().max(l.distance_px(last).abs());
     let line = lines.iter().filter(|l| misfit(l) < SIDE_DISTANCE_PX).max_by(|a, b| {

@@ -8,7 +8,7 @@ pub(crate) mod side_scan;
 pub(crate) mod subpixel;
 
 use crate::calibration::Calibration;
-use crate::face::outline::RoughRectangle;
+use crate::face::outline::InitialRectangle;
 use crate::image::Frame;
 use crate::statistics::robust_sigma_f32;
 use crate::units::Px;
@@ -24,7 +24,7 @@ pub(crate) struct EdgePoint {
     pub sigma_px: f64,
 }
 
-/// Finds the points of the four sides near a rough rectangle. `keep_out` are places with a radius (px) where laser light
+/// Finds the points of the four sides near a initial rectangle. `keep_out` are places with a radius (px) where laser light
 /// disturbs.
 pub(crate) trait EdgeDetector {
     /// Edge points per side, in the order of [`crate::face::outline::SIDES`].
@@ -32,7 +32,7 @@ pub(crate) trait EdgeDetector {
         &self,
         frame: &Frame,
         calibration: &Calibration,
-        rough: &RoughRectangle,
+        initial: &InitialRectangle,
         keep_out: &[(Px, f64)],
     ) -> [Vec<EdgePoint>; 4];
 }
@@ -168,12 +168,12 @@ mod tests {
     const HEIGHT: usize = 486;
 
     /// A tilted plane 0.6 m away, rolled by about 45 degrees, with a rectangle on it.
-    fn rectangle(calibration: &Calibration) -> RoughRectangle {
+    fn rectangle(calibration: &Calibration) -> InitialRectangle {
         let plane = Plane::new(Vector3::new(0.15, -0.1, 1.0) / 600.0);
         let raster = PlaneRaster::new(calibration, &plane, Px::new(324.0, 243.0), Px::new(400.0, 310.0))
             .expect("in view");
         let mm_per_px = raster.mm_per_px(calibration, OnPlane::zeros()).expect("in view");
-        RoughRectangle {
+        InitialRectangle {
             raster,
             offsets_mm: [-140.3, 120.9, -90.2, 100.6],
             at_ends: [true; 4],
@@ -183,7 +183,7 @@ mod tests {
     }
 
     /// The picture of the rectangle, `face` grey on `ground` grey, 4 x 4 rays a pixel.
-    fn picture(calibration: &Calibration, r: &RoughRectangle, face: u8, ground: u8) -> Frame {
+    fn picture(calibration: &Calibration, r: &InitialRectangle, face: u8, ground: u8) -> Frame {
         let [a0, a1, b0, b1] = r.offsets_mm;
         let mut rgb = Vec::with_capacity(WIDTH * HEIGHT * 3);
         for v in 0..HEIGHT {
@@ -211,12 +211,12 @@ mod tests {
         let calibration = paper_head(0.25);
         let truth = rectangle(&calibration);
         let frame = picture(&calibration, &truth, 180, 90);
-        let mut rough = truth.clone();
-        for (offset, px) in rough.offsets_mm.iter_mut().zip([3.0, -2.0, 1.0, 4.0]) {
+        let mut initial = truth.clone();
+        for (offset, px) in initial.offsets_mm.iter_mut().zip([3.0, -2.0, 1.0, 4.0]) {
             *offset += px * truth.mm_per_px;
         }
         for (name, detector) in detectors() {
-            let points = detector.edge_points(&frame, &calibration, &rough, &[]);
+            let points = detector.edge_points(&frame, &calibration, &initial, &[]);
             for (side, points) in points.iter().enumerate() {
                 assert!(points.len() >= 15, "{name}, side {side}: {} points", points.len());
                 let off_px = |p: &EdgePoint| {
@@ -279,11 +279,11 @@ mod tests {
     #[test]
     fn a_black_frame_has_no_edges() {
         let calibration = paper_head(0.25);
-        let rough = rectangle(&calibration);
+        let initial = rectangle(&calibration);
         let frame = Frame::from_rgb(WIDTH, HEIGHT, vec![0; WIDTH * HEIGHT * 3]).expect("the size fits");
         assert!(edge_pixels(&frame).is_empty());
         for (name, detector) in detectors() {
-            let points = detector.edge_points(&frame, &calibration, &rough, &[]);
+            let points = detector.edge_points(&frame, &calibration, &initial, &[]);
             assert!(points.iter().all(Vec::is_empty), "{name}");
         }
     }
@@ -301,13 +301,13 @@ mod tests {
                 .collect();
             let frame = Frame::from_rgb(width, height, rgb).expect("the size fits");
             let calibration = paper_head(0.25); // of another size: the frame ends where sides are looked for
-            let rough = rectangle(&calibration);
+            let initial = rectangle(&calibration);
             for pixel in edge_pixels(&frame) {
                 prop_assert!(pixel.at.u > 0.0 && pixel.at.u < width as f64);
                 prop_assert!(pixel.at.v > 0.0 && pixel.at.v < height as f64);
             }
             for (_, detector) in detectors() {
-                for p in detector.edge_points(&frame, &calibration, &rough, &[]).iter().flatten() {
+                for p in detector.edge_points(&frame, &calibration, &initial, &[]).iter().flatten() {
                     prop_assert!(p.at.u.is_finite() && p.at.v.is_finite() && p.sigma_px > 0.0);
                 }
             }

@@ -2,7 +2,7 @@
 
 use super::{ColourTone, EdgeDetector, EdgePoint, Palette, noise_of, tones};
 use crate::calibration::Calibration;
-use crate::face::outline::{RoughRectangle, SIDES};
+use crate::face::outline::{InitialRectangle, SIDES};
 use crate::image::Frame;
 use crate::units::Px;
 use wide::f32x4;
@@ -94,12 +94,12 @@ impl EdgeDetector for GradientDetector {
         &self,
         frame: &Frame,
         calibration: &Calibration,
-        rough: &RoughRectangle,
+        initial: &InitialRectangle,
         keep_out: &[(Px, f64)],
     ) -> [Vec<EdgePoint>; 4] {
         [0, 1, 2, 3].map(|side| {
             let mut best = Vec::new();
-            let profiles = self.profiles(frame, calibration, rough, side, keep_out);
+            let profiles = self.profiles(frame, calibration, initial, side, keep_out);
             for window in self.windows {
                 let points = match window {
                     1 => self.points_on_line(&profiles, window),
@@ -122,16 +122,16 @@ impl GradientDetector {
         &self,
         frame: &Frame,
         calibration: &Calibration,
-        rough: &RoughRectangle,
+        initial: &InitialRectangle,
         side: usize,
         keep_out: &[(Px, f64)],
     ) -> Vec<Profile> {
         let palette = Palette::get();
         let (across, _) = SIDES[side];
-        let (from, to) = rough.span_mm(side);
-        let offset = rough.offsets_mm[side];
+        let (from, to) = initial.span_mm(side);
+        let offset = initial.offsets_mm[side];
         let margin = self.corner_share * (to - from);
-        let pixel = |along: f64| rough.raster.pixel(calibration, across.at(offset, along));
+        let pixel = |along: f64| initial.raster.pixel(calibration, across.at(offset, along));
         let (Some(first), Some(last)) = (pixel(from + margin), pixel(to - margin)) else { return Vec::new() };
         let groups = (first.distance_px(last) / (self.spacing_px * self.group as f64)).floor() as usize;
         let mut result = Vec::with_capacity(groups);
@@ -143,7 +143,7 @@ impl GradientDetector {
             for k in 0..self.group {
                 let t = (group as f64 + (k as f64 + 0.5) / self.group as f64) / groups as f64;
                 let along = from + margin + (to - from - 2.0 * margin) * t;
-                let step = 2.0 * rough.mm_per_px;
+                let step = 2.0 * initial.mm_per_px;
                 let (Some(p), Some(q)) = (pixel(along), pixel(along + step)) else {
                     good = false;
                     break;

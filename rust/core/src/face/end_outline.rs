@@ -2,7 +2,7 @@
 //! a flush neighbour carries stripes on, print ends them early; what each side is, is judged afterwards (`rectangle/line_evidence`).
 
 use super::extent::{FaceStripes, Limits, StripeEnd, crossing_on_px, crossing_px, outermost_crossing_mm};
-use super::outline::{Across, RoughRectangle, SIDES, outward_sign};
+use super::outline::{Across, InitialRectangle, SIDES, outward_sign};
 use super::raster::{OnPlane, PlaneRaster};
 use crate::calibration::Calibration;
 use crate::image::Frame;
@@ -39,7 +39,7 @@ pub(crate) fn end_outline(
     frame: &Frame,
     calibration: &Calibration,
     face: &FaceStripes,
-) -> Result<RoughRectangle, Reject> {
+) -> Result<InitialRectangle, Reject> {
     let open = || Reject::RectangleOpen { sides_found: 0 };
     let [l1, _, l3, l4] = LaserId::ALL;
     let plane = &face.fit.plane;
@@ -68,7 +68,7 @@ pub(crate) fn end_outline(
         }
         offsets_mm[side] = sign * out_mm;
     }
-    Ok(RoughRectangle::new(raster, offsets_mm, mm_per_px))
+    Ok(InitialRectangle::new(raster, offsets_mm, mm_per_px))
 }
 
 /// Where each stripe is to be followed when the face's sides are known (its sides' offsets on a raster): a little beyond its two sides.

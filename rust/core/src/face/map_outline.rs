@@ -2,7 +2,7 @@
 //! the maps. Flush neighbours, print and clutter are told apart here; the exact place of each side comes from the frame.
 
 use super::extent::crossing_px;
-use super::outline::{Across, RoughRectangle, SIDES, outward_sign, span_mm};
+use super::outline::{Across, InitialRectangle, SIDES, outward_sign, span_mm};
 use super::raster::{OnPlane, PlaneRaster};
 use crate::calibration::Calibration;
 use crate::frames::{Cam, Plane};
@@ -12,7 +12,7 @@ use crate::units::{LaserId, Px};
 /// A rectangle seen in the maps.
 #[derive(Clone, Debug)]
 pub(crate) struct MapOutline {
-    pub rough: RoughRectangle,
+    pub initial: InitialRectangle,
     /// Overlap of the rectangle with the mask of the face (intersection over union).
     pub overlap: f32,
 }
@@ -99,8 +99,8 @@ pub(crate) fn map_outline(
     }
     let (_, candidate) = best?;
     let candidate = candidate.fitted(&edges, unit);
-    let rough = RoughRectangle::new(base.turned(candidate.angle), candidate.offsets_mm, mm_per_px);
-    Some(MapOutline { rough, overlap: candidate.exact_overlap(calibration, &base, maps) })
+    let initial = InitialRectangle::new(base.turned(candidate.angle), candidate.offsets_mm, mm_per_px);
+    Some(MapOutline { initial, overlap: candidate.exact_overlap(calibration, &base, maps) })
 }
 
 /// How many borders of the image the face reaches in the maps, and where first. `None` if it keeps clear of all.

@@ -66,7 +66,7 @@ pub(crate) struct WeightedLine {
 
 /// A rectangle to within some pixels: sides parallel to the raster's axes.
 #[derive(Clone, Debug)]
-pub(crate) struct RoughRectangle {
+pub(crate) struct InitialRectangle {
     pub raster: PlaneRaster,
     /// Offsets of the sides in the order [`SIDES`], mm.
     pub offsets_mm: [f64; 4],
@@ -78,7 +78,7 @@ pub(crate) struct RoughRectangle {
     pub mm_per_px: f64,
 }
 
-impl RoughRectangle {
+impl InitialRectangle {
     /// Of which no more is known.
     pub fn new(raster: PlaneRaster, offsets_mm: [f64; 4], mm_per_px: f64) -> Self {
         Self { raster, offsets_mm, at_ends: [true; 4], lines: Default::default(), mm_per_px }

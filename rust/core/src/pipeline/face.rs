@@ -9,7 +9,7 @@ use crate::error::{Error, ErrorKind};
 use crate::face::end_outline::{cut_by_border, end_outline, ends_seen, limits};
 use crate::face::extent::{FaceStripes, InnerSegments, StripeContrast, follow_stripes, inner_segments};
 use crate::face::map_outline::{MapOutline, map_outline, mask_at_border};
-use crate::face::outline::RoughRectangle;
+use crate::face::outline::InitialRectangle;
 use crate::feasibility::{self, Hint};
 use crate::hypotheses::{FaceHypotheses, FaceHypothesis, MeasuredOutline, weighed};
 use crate::image::Frame;
@@ -249,18 +249,18 @@ fn measure_in_edge_map(
     progress: &mut Progress,
 ) -> Result<FaceHypotheses, Reject> {
     let Task { frame, calibration, .. } = *task;
-    let rough = hough_outline(frame, calibration, &wide.fit.plane, map);
+    let initial = hough_outline(frame, calibration, &wide.fit.plane, map);
     progress.lap("outline");
-    let mut rough = rough.map_err(|open| cut_by_border(frame, wide).unwrap_or(open))?;
-    progress.see(&rough.raster, &rough.offsets_mm);
-    let limits = limits(calibration, &rough.raster, &rough.offsets_mm, rough.mm_per_px);
+    let mut initial = initial.map_err(|open| cut_by_border(frame, wide).unwrap_or(open))?;
+    progress.see(&initial.raster, &initial.offsets_mm);
+    let limits = limits(calibration, &initial.raster, &initial.offsets_mm, initial.mm_per_px);
     let face = follow_stripes(frame, calibration, inner, limits.as_ref());
     progress.lap("stripes");
     let face = face.ok_or_else(|| no_box(0.0))?;
     check_stripes(&face, limits.is_some())?;
-    rough.raster = rough.raster.on(&face.fit.plane);
-    rough.at_ends = ends_seen(calibration, &face, &rough.raster).unwrap_or(rough.at_ends);
-    let face = measure_rough(task, &face, &rough, progress)?;
+    initial.raster = initial.raster.on(&face.fit.plane);
+    initial.at_ends = ends_seen(calibration, &face, &initial.raster).unwrap_or(initial.at_ends);
+    let face = measure_initial(task, &face, &initial, progress)?;
     Ok(FaceHypotheses { faces: vec![FaceHypothesis::only(face)], unsure: None, overlap: 0.0 })
 }
 
@@ -319,7 +319,7 @@ fn first_outline(
     inner: &InnerSegments,
     wide: Option<&FaceStripes>,
     progress: &mut Progress,
-) -> Result<(RoughRectangle, f64), Reject> {
+) -> Result<(InitialRectangle, f64), Reject> {
     let Task { frame, calibration, network, .. } = *task;
     let Some(NetworkOutput { maps, .. }) = network else {
         let wide = wide.ok_or_else(|| no_box(0.0))?;
@@ -332,7 +332,7 @@ fn first_outline(
     progress.lap("outline");
     let overlap = outline.as_ref().map_or(0.0, |outline| outline.overlap);
     match outline.filter(|_| overlap >= LEAST_OVERLAP) {
-        Some(MapOutline { rough, overlap }) => Ok((rough, f64::from(overlap))),
+        Some(MapOutline { initial, overlap }) => Ok((initial, f64::from(overlap))),
         // Why: a face that leaves the image has no outline.
         None => Err(wide
             .and_then(|face| cut_by_border(frame, face))
@@ -344,7 +344,7 @@ fn first_outline(
 fn seen_in_plane(
     calibration: &Calibration,
     wide: &FaceStripes,
-    outline: &RoughRectangle,
+    outline: &InitialRectangle,
     network: &NetworkOutput<'_>,
 ) -> Option<(ViewAxes, SideOdds)> {
     let axes = ViewAxes::of(calibration, outline.raster.on(&wide.fit.plane))?;
@@ -356,7 +356,7 @@ fn seen_in_plane(
 fn measure_outline(
     task: &Task,
     inner: &InnerSegments,
-    outline: &RoughRectangle,
+    outline: &InitialRectangle,
     progress: &mut Progress,
 ) -> Result<FaceMeasurement, Reject> {
     let Task { frame, calibration, .. } = *task;
@@ -365,21 +365,21 @@ fn measure_outline(
     progress.lap("stripes");
     let face = face.ok_or_else(|| no_box(0.0))?;
     check_stripes(&face, limits.is_some())?;
-    let rough = snap_to_image(frame, calibration, &face, outline);
+    let initial = snap_to_image(frame, calibration, &face, outline);
     progress.lap("sides");
-    let rough = rough?;
+    let initial = initial?;
     // All stripes go on in the plane beyond all sides: a tile of a floor, a panel of a wall, a field of print.
-    if !rough.at_ends.contains(&true) {
+    if !initial.at_ends.contains(&true) {
         return Err(Reject::RectangleOpen { sides_found: 0 });
     }
-    measure_rough(task, &face, &rough, progress)
+    measure_initial(task, &face, &initial, progress)
 }
 
-/// Finds the edges beside a rough rectangle and fits it.
-fn measure_rough(
+/// Finds the edges beside a initial rectangle and fits it.
+fn measure_initial(
     task: &Task,
     face: &FaceStripes,
-    rough: &RoughRectangle,
+    initial: &InitialRectangle,
     progress: &mut Progress,
 ) -> Result<FaceMeasurement, Reject> {
     let Task { frame, calibration, settings, network, edge_map, .. } = *task;
@@ -393,10 +393,10 @@ fn measure_rough(
         EdgeMethod::Net | EdgeMethod::Gradient => &GradientDetector::DEFAULT,
         EdgeMethod::Hough => &hough,
     };
-    let keep_out = rectangle::keep_out(calibration, face, rough);
-    let edges = detector.edge_points(frame, calibration, rough, &keep_out);
+    let keep_out = rectangle::keep_out(calibration, face, initial);
+    let edges = detector.edge_points(frame, calibration, initial, &keep_out);
     progress.lap("edges");
-    let result = rectangle::measure(frame, calibration, face, rough, &edges, settings);
+    let result = rectangle::measure(frame, calibration, face, initial, &edges, settings);
     progress.lap("fit");
     result
 }

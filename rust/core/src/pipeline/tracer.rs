@@ -2,7 +2,7 @@
 
 use crate::calibration::Calibration;
 use crate::face::extent::{FaceStripes, crossing_lasers, crossing_px};
-use crate::face::outline::{RoughRectangle, SIDES, span_mm};
+use crate::face::outline::{InitialRectangle, SIDES, span_mm};
 use crate::image::Frame;
 use crate::image::laser_response::RidgeMap;
 use crate::network::FaceMaps;
@@ -67,7 +67,7 @@ impl Tracer<'_> {
             Some(TracedOutline { corners_px: [a?, b?, c?, d?], probability: *probability })
         };
         let (Some(trace), Some(likeliest)) = (self.trace, outlines.first()) else { return };
-        let RoughRectangle { raster, offsets_mm, lines, .. } = &likeliest.outline;
+        let InitialRectangle { raster, offsets_mm, lines, .. } = &likeliest.outline;
         let lines = (0..4).flat_map(|side| {
             let (from, to) = span_mm(offsets_mm, side);
             let across = SIDES[side].0;

@@ -6,7 +6,7 @@ use crate::edges::hough::{Line, lines_beside_stripes};
 use crate::edges::map::LEAST_PROBABILITY;
 use crate::face::extent::{crossing_on, crossing_px};
 use crate::face::map_outline::{RectangleCandidate, WeightedPoint, turned};
-use crate::face::outline::{Across, RoughRectangle, SIDES, outward_sign, span_mm};
+use crate::face::outline::{Across, InitialRectangle, SIDES, outward_sign, span_mm};
 use crate::face::raster::{OnPlane, PlaneRaster};
 use crate::frames::{Cam, Plane};
 use crate::image::Frame;
@@ -46,7 +46,7 @@ pub(crate) fn hough_outline(
     calibration: &Calibration,
     plane: &Plane<Cam>,
     map: &EdgeMap,
-) -> Result<RoughRectangle, Reject> {
+) -> Result<InitialRectangle, Reject> {
     let open = |sides_found: usize| Reject::RectangleOpen { sides_found: sides_found as u8 };
     let search = Search::new(calibration, plane, map.view()).ok_or_else(|| open(0))?;
     let (lines, pixels) = lines_beside_stripes(frame, calibration, plane, map.view());
@@ -69,7 +69,7 @@ pub(crate) fn hough_outline(
         at.along_side(SIDES[*side].0, offsets_mm[*side]).share(from, to) >= LEAST_SHARE
     });
     match clear.count() {
-        4 => Ok(RoughRectangle::new(raster, offsets_mm, search.mm_per_px)),
+        4 => Ok(InitialRectangle::new(raster, offsets_mm, search.mm_per_px)),
         sides_found => Err(open(sides_found)),
     }
 }

@@ -7,7 +7,7 @@ use crate::calibration::Calibration;
 use crate::edges::side_scan::{EdgeCandidate, ScanRange, SideScan};
 use crate::face::end_outline::innermost;
 use crate::face::extent::FaceStripes;
-use crate::face::outline::{Across, RoughRectangle, SIDES, outward_sign, span_mm};
+use crate::face::outline::{Across, InitialRectangle, SIDES, outward_sign, span_mm};
 use crate::face::raster::PlaneRaster;
 use crate::image::Frame;
 use crate::network::{Channel, NetworkOutput, StripeLight};
@@ -20,7 +20,7 @@ use crate::view::SideOdds;
 pub(crate) struct Line {
     pub offset_mm: f64,
     /// Logarithm of its weight among the lines of the side by all but the network of sides.
-    pub told: f64,
+    pub log_odds: f64,
     /// Probability that the network of sides gives its place; `None` without one.
     pub seen: Option<f64>,
     /// What the stripes' light adds to both.
@@ -92,10 +92,10 @@ impl Line {
 
     /// Logarithm of its weight among the lines of the side.
     pub fn log_weight(&self) -> f64 {
-        let told = self
-            .seen
-            .map_or(self.told, |seen| TOLD_BY_LINE * self.told + SEEN_IN_PLANE * (seen + LEAST_SEEN).ln());
-        told + self.light
+        let log_odds = self.seen.map_or(self.log_odds, |seen| {
+            TOLD_BY_LINE * self.log_odds + SEEN_IN_PLANE * (seen + LEAST_SEEN).ln()
+        });
+        log_odds + self.light
     }
 }
 
@@ -105,7 +105,7 @@ pub(crate) struct Evidence<'a> {
     pub calibration: &'a Calibration,
     /// The outline's raster on the plane of the stripes.
     pub raster: &'a PlaneRaster,
-    pub outline: &'a RoughRectangle,
+    pub outline: &'a InitialRectangle,
     /// A network, if there is one.
     pub network: Option<&'a NetworkOutput<'a>>,
     /// Stripes, followed as far as they go.
@@ -252,7 +252,7 @@ impl Evidence<'_> {
             let stripes_light = self.lit.at(self.calibration, self.raster, side, e.offset_mm);
             let clues = Clues { corners_stop: stop, corners_seen: seen, ..*known };
             let bin = self.seen.map(|(axes, _)| axes.bin(side, e.offset_mm));
-            let mut told = clues.log_odds(weights);
+            let mut log_odds = clues.log_odds(weights);
             if let Some(network) = self.network {
                 let place = Place {
                     side,
@@ -262,10 +262,10 @@ impl Evidence<'_> {
                     mm_per_px: px,
                     away_px: outward_sign(side) * (e.offset_mm - own) / px,
                     strength: e.strength,
-                    log_odds: told as f32,
+                    log_odds: log_odds as f32,
                     bin,
                 };
-                told = network.line_log_odds(&strip(
+                log_odds = network.line_log_odds(&strip(
                     self.frame,
                     self.calibration,
                     self.raster,
@@ -278,7 +278,7 @@ impl Evidence<'_> {
             let light = LIGHT_ON_ONE * (most - least) + LIGHT_MISSING * stripes_light.missing;
             Some(Line {
                 offset_mm: e.offset_mm,
-                told,
+                log_odds,
                 seen,
                 light,
                 strength: f64::from(e.strength),
@@ -318,7 +318,7 @@ impl Evidence<'_> {
         let (across, _) = SIDES[side];
         let (px, offset, out_mm) =
             (self.outline.mm_per_px, edge.offset_mm, outward_sign(side) * edge.offset_mm);
-        let flag = |told: bool| f64::from(u8::from(told));
+        let flag = |log_odds: bool| f64::from(u8::from(log_odds));
         let network = self.network.map_or(0.0, |network| {
             self.map_along(network, across, offset, span_mm(offsets_mm, side)).min(NETWORK_MOST)
         });

@@ -23,7 +23,7 @@ use crate::calibration::Calibration;
 use crate::edges::EdgePoint;
 use crate::face::extent::{FaceStripes, crossing_on_px};
 use crate::face::model::FaceState;
-use crate::face::outline::{RoughRectangle, SIDES, WeightedLine, outward_sign, span_mm};
+use crate::face::outline::{InitialRectangle, SIDES, WeightedLine, outward_sign, span_mm};
 use crate::face::plane_fit::StripeObservation;
 use crate::face::raster::{OnPlane, PlaneRaster};
 use crate::image::Frame;
@@ -54,7 +54,7 @@ pub(crate) fn measure(
     frame: &Frame,
     calibration: &Calibration,
     face: &FaceStripes,
-    rough: &RoughRectangle,
+    initial: &InitialRectangle,
     edges: &[Vec<EdgePoint>; 4],
     settings: &Settings,
 ) -> Result<FaceMeasurement, Reject> {
@@ -66,23 +66,23 @@ pub(crate) fn measure(
     if face.fit.rms_px > MAX_STRIPE_RMS_PX {
         return Err(Reject::FaceNotPlanar { rms_px: face.fit.rms_px, limit_px: MAX_STRIPE_RMS_PX });
     }
-    let stripes = face_observations(calibration, face, rough);
+    let stripes = face_observations(calibration, face, initial);
     let observed = FaceObservations { calibration, stripes: &stripes, edges };
-    let fitted = observed.fit(rough, settings).ok_or_else(open)?;
+    let fitted = observed.fit(initial, settings).ok_or_else(open)?;
     let fit = &fitted.fit;
-    let limit_px = edge_limit_px(edges).max(MAX_EDGE_RMS_MM / rough.mm_per_px);
+    let limit_px = edge_limit_px(edges).max(MAX_EDGE_RMS_MM / initial.mm_per_px);
     if fit.edge_rms_px > limit_px {
         return Err(Reject::NotARectangle { rms_px: fit.edge_rms_px, limit_px });
     }
     check_crossings(frame, calibration, fit)?;
-    let lit = keep_out(calibration, face, rough);
+    let lit = keep_out(calibration, face, initial);
     let Sharpened { mut corrections, misplaced_mm } =
-        sharp_edge::sharpen(frame, calibration, face, fit, &rough.at_ends, &lit);
-    let nearby = [0, 1, 2, 3].map(|side| NearbyLines::of(fit, rough, side));
+        sharp_edge::sharpen(frame, calibration, face, fit, &initial.at_ends, &lit);
+    let nearby = [0, 1, 2, 3].map(|side| NearbyLines::of(fit, initial, side));
     for (correction, nearby) in corrections.iter_mut().zip(&nearby) {
         correction.sigma_mm = correction.sigma_mm.hypot(nearby.sigma_mm);
     }
-    let too_far_mm = TOO_FAR_MM.max(TOO_FAR_PX * rough.mm_per_px);
+    let too_far_mm = TOO_FAR_MM.max(TOO_FAR_PX * initial.mm_per_px);
     let beyond_ends = misplaced_mm.iter().filter(|off| **off < -too_far_mm).count() as u8;
     if beyond_ends > 0 {
         return Err(Reject::RectangleOpen { sides_found: 4 - beyond_ends });
@@ -120,22 +120,22 @@ struct NearbyLines {
 }
 
 impl NearbyLines {
-    fn of(fit: &FittedRectangle, rough: &RoughRectangle, side: usize) -> Self {
+    fn of(fit: &FittedRectangle, initial: &InitialRectangle, side: usize) -> Self {
         let across = SIDES[side].0;
         let (from, to) = span_mm(&fit.offsets_mm, side);
         let middle = fit.raster.cam_point(across.at(fit.offsets_mm[side], 0.5 * (from + to)));
-        let here_mm = across.offset(rough.raster.of_cam(&middle));
+        let here_mm = across.offset(initial.raster.of_cam(&middle));
         let off_mm = |line: &WeightedLine| (line.offset_mm - here_mm).abs();
-        let reach_mm = (NEARBY_PX * rough.mm_per_px).min(NEARBY_MM);
+        let reach_mm = (NEARBY_PX * initial.mm_per_px).min(NEARBY_MM);
         let near: Vec<&WeightedLine> =
-            rough.lines[side].iter().filter(|line| off_mm(line) <= reach_mm).collect();
+            initial.lines[side].iter().filter(|line| off_mm(line) <= reach_mm).collect();
         let total: f64 = near.iter().map(|line| line.share).sum();
         if total <= 0.0 {
-            let nearest = rough.lines[side].iter().map(off_mm).min_by(f64::total_cmp);
+            let nearest = initial.lines[side].iter().map(off_mm).min_by(f64::total_cmp);
             return Self { sigma_mm: NEARBY_SHARE * nearest.unwrap_or(0.0), other: None };
         }
         let variance: f64 = near.iter().map(|line| line.share / total * off_mm(line).powi(2)).sum();
-        let other = near.iter().filter(|line| off_mm(line) > ONE_PX * rough.mm_per_px);
+        let other = near.iter().filter(|line| off_mm(line) > ONE_PX * initial.mm_per_px);
         let other = other
             .max_by(|a, b| a.share.total_cmp(&b.share))
             .map(|line| (outward_sign(side) * (line.offset_mm - here_mm), line.share / total));
@@ -172,10 +172,10 @@ pub(crate) struct Fitted {
 
 impl FaceObservations<'_> {
     /// Fits and checks the face.
-    pub fn fit(&self, rough: &RoughRectangle, settings: &Settings) -> Option<Fitted> {
+    pub fn fit(&self, initial: &InitialRectangle, settings: &Settings) -> Option<Fitted> {
         let calibration = self.calibration;
         let mut problem = Problem::new(calibration, self.stripes, self.edges);
-        let start = problem.at_medians(&FaceState::of_raster(&rough.raster, &rough.offsets_mm));
+        let start = problem.at_medians(&FaceState::of_raster(&initial.raster, &initial.offsets_mm));
         let mut fit = refine(&problem, &start, Shape::Rectangle)?;
         let drift_rad = settings.drift_rad.max(f64::EPSILON);
         let mut causes = uncertainty::causes(calibration, &fit, [drift_rad; 4]);
@@ -263,12 +263,12 @@ fn edge_limit_px(edges: &[Vec<EdgePoint>; 4]) -> f64 {
 fn face_observations(
     calibration: &Calibration,
     face: &FaceStripes,
-    rough: &RoughRectangle,
+    initial: &InitialRectangle,
 ) -> Vec<StripeObservation> {
-    let margin = 2.0 * rough.mm_per_px;
-    let [a0, a1, b0, b1] = rough.offsets_mm;
+    let margin = 2.0 * initial.mm_per_px;
+    let [a0, a1, b0, b1] = initial.offsets_mm;
     let inside = |o: &StripeObservation| {
-        rough
+        initial
             .raster
             .on_plane(calibration, o.at)
             .is_some_and(|p| p.x > a0 + margin && p.x < a1 - margin && p.y > b0 + margin && p.y < b1 - margin)
@@ -402,13 +402,13 @@ fn assemble(
 pub(crate) fn keep_out(
     calibration: &Calibration,
     face: &FaceStripes,
-    rough: &RoughRectangle,
+    initial: &InitialRectangle,
 ) -> Vec<(Px, f64)> {
     let radius = face.half_width_px + 5.0;
     let mut places = Vec::with_capacity(8);
     for (side, (across, _)) in SIDES.iter().enumerate() {
         for id in across.stripes() {
-            let at = crossing_on_px(calibration, &rough.raster, *across, rough.offsets_mm[side], id);
+            let at = crossing_on_px(calibration, &initial.raster, *across, initial.offsets_mm[side], id);
             places.extend(at.map(|at| (at, radius)));
         }
     }
@@ -426,14 +426,14 @@ mod tests {
     const SIDES_MM: [f64; 4] = [-60.0, 160.0, -50.0, 150.0];
 
     /// A face with these sides, some 600 mm away.
-    fn face(calibration: &Calibration) -> RoughRectangle {
+    fn face(calibration: &Calibration) -> InitialRectangle {
         let plane = Plane::new(Vector3::new(0.15, -0.1, 1.0) / 600.0);
         let [l1, _, l3, l4] = LaserId::ALL;
         let at = crossing_px(calibration, &plane, l1, l3).expect("in view");
         let towards = crossing_px(calibration, &plane, l1, l4).expect("in view");
         let raster = PlaneRaster::new(calibration, &plane, at, towards).expect("in view");
         let mm_per_px = raster.mm_per_px(calibration, OnPlane::zeros()).expect("in view");
-        RoughRectangle {
+        InitialRectangle {
             raster,
             offsets_mm: SIDES_MM,
             at_ends: [true; 4],
@@ -443,7 +443,7 @@ mod tests {
     }
 
     /// Its stripes, where it bulges by so much in the middle.
-    fn stripes(calibration: &Calibration, face: &RoughRectangle, bow_mm: f64) -> Vec<StripeObservation> {
+    fn stripes(calibration: &Calibration, face: &InitialRectangle, bow_mm: f64) -> Vec<StripeObservation> {
         let [a0, a1, b0, b1] = SIDES_MM;
         let share = |x: f64, from: f64, to: f64| 1.0 - (2.0 * (x - from) / (to - from) - 1.0).powi(2);
         let (normal, _) = face.raster.plane.normal_and_distance_mm();
@@ -474,7 +474,7 @@ mod tests {
     /// Points along all sides, where `offset_mm` says that the point of this number lies.
     fn edges(
         calibration: &Calibration,
-        face: &RoughRectangle,
+        face: &InitialRectangle,
         offset_mm: impl Fn(usize, u32) -> f64,
     ) -> [Vec<EdgePoint>; 4] {
         [0, 1, 2, 3].map(|side| {
@@ -499,9 +499,9 @@ mod tests {
         let stripes = stripes(&calibration, &truth, 0.0);
         let edges =
             edges(&calibration, &truth, |side, i| if i % 5 < 2 { printed_mm[side] } else { SIDES_MM[side] });
-        let rough = RoughRectangle { offsets_mm: printed_mm, ..truth.clone() };
+        let initial = InitialRectangle { offsets_mm: printed_mm, ..truth.clone() };
         let observed = FaceObservations { calibration: &calibration, stripes: &stripes, edges: &edges };
-        let fitted = observed.fit(&rough, &Settings::default()).expect("a rectangle");
+        let fitted = observed.fit(&initial, &Settings::default()).expect("a rectangle");
         for (found, true_mm) in lengths_mm(&fitted.fit.offsets_mm).into_iter().zip(lengths_mm(&SIDES_MM)) {
             assert!((found - true_mm).abs() < 0.2 * truth.mm_per_px, "{found} mm, {true_mm} mm are true");
         }

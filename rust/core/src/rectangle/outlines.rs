@@ -5,7 +5,7 @@ use super::line_evidence::{Evidence, Line};
 use crate::calibration::Calibration;
 use crate::confidence::RIGHT_MM;
 use crate::face::extent::FaceStripes;
-use crate::face::outline::{RoughRectangle, WeightedLine};
+use crate::face::outline::{InitialRectangle, WeightedLine};
 use crate::image::Frame;
 use crate::network::NetworkOutput;
 use crate::scene::lit::LitLines;
@@ -15,7 +15,7 @@ use crate::view::SideOdds;
 /// One of the outlines.
 #[derive(Clone, Debug)]
 pub(crate) struct OutlineHypothesis {
-    pub outline: RoughRectangle,
+    pub outline: InitialRectangle,
     /// That all four sides are right.
     pub probability: f64,
     /// The lines of both pairs of opposite sides, in the order of the raster.
@@ -59,7 +59,7 @@ pub(crate) fn outlines(
     frame: &Frame,
     calibration: &Calibration,
     wide: &FaceStripes,
-    outline: &RoughRectangle,
+    outline: &InitialRectangle,
     network: Option<&NetworkOutput<'_>>,
     seen: Option<&(ViewAxes, SideOdds)>,
     lit: &LitLines,
@@ -99,7 +99,7 @@ pub(crate) fn outlines(
         };
         let offsets_mm = [0, 1, 2, 3].map(|side| choice(side).offset_mm);
         OutlineHypothesis {
-            outline: RoughRectangle { offsets_mm, lines: weighted.clone(), ..outline.clone() },
+            outline: InitialRectangle { offsets_mm, lines: weighted.clone(), ..outline.clone() },
             probability,
             pairs: [pair(0), pair(2)],
         }
@@ -111,11 +111,11 @@ pub(crate) fn outlines(
 fn choices(mut lines: Vec<Line>, mm_per_px: f64) -> Vec<Choice> {
     let same_mm = SAME_PX * mm_per_px;
     let weight = softmax(&lines, Line::log_weight);
-    let told = softmax(&lines, |line| line.told);
+    let share = softmax(&lines, |line| line.log_odds);
     lines.sort_by(|a, b| b.log_weight().total_cmp(&a.log_weight()));
     let judges = lines.first().map(|best| {
         let near = |line: &&Line| (line.offset_mm - best.offset_mm).abs() <= same_mm;
-        (lines.iter().filter(near).map(told).sum::<f64>(), best.seen)
+        (lines.iter().filter(near).map(share).sum::<f64>(), best.seen)
     });
     let best_light = lines.first().map_or(0.0, |best| best.light);
     let mut found = Vec::new();
@@ -149,12 +149,12 @@ fn softmax<F: Fn(&Line) -> f64>(lines: &[Line], log_weight: F) -> impl Fn(&Line)
 }
 
 /// See [`SURE`]; what the two judges say, the light, and what is left for other lines.
-fn surely((told, seen): (f64, Option<f64>), mm_per_px: f64, light: f64, left: f64) -> f64 {
+fn surely((share, seen): (f64, Option<f64>), mm_per_px: f64, light: f64, left: f64) -> f64 {
     let odds = |p: f64, most: f64| (p.max(0.0) / (1.0 - p).max(0.0)).clamp(1.0 / most, most).ln();
-    let [constant, by_told, by_seen, by_size, by_light, by_left] =
+    let [constant, by_share, by_seen, by_size, by_light, by_left] =
         if seen.is_some() { SURE } else { SURE_ALONE };
     let judged =
-        by_told * odds(told, MOST_ODDS[0]) + seen.map_or(0.0, |seen| by_seen * odds(seen, MOST_ODDS[1]));
+        by_share * odds(share, MOST_ODDS[0]) + seen.map_or(0.0, |seen| by_seen * odds(seen, MOST_ODDS[1]));
     let logit =
         constant + judged + by_size * mm_per_px.ln() + by_light * light + by_left * left.max(LEAST_LEFT).ln();
     1.0 / (1.0 + (-logit).exp())
@@ -164,8 +164,8 @@ fn surely((told, seen): (f64, Option<f64>), mm_per_px: f64, light: f64, left: f6
 mod tests {
     use super::*;
 
-    fn line(offset_mm: f64, told: f64, seen: f64) -> Line {
-        Line { offset_mm, told, seen: Some(seen), strength: 0.5, ..Line::default() }
+    fn line(offset_mm: f64, log_odds: f64, seen: f64) -> Line {
+        Line { offset_mm, log_odds, seen: Some(seen), strength: 0.5, ..Line::default() }
     }
 
     #[test]
@@ -196,7 +196,7 @@ mod tests {
     fn lines_beside_each_other_are_one_choice() {
         let line = |offset_mm, weight: f64, strength| Line {
             offset_mm,
-            told: weight.ln(),
+            log_odds: weight.ln(),
             strength,
             ..Line::default()
         };

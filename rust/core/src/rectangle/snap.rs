@@ -6,7 +6,7 @@ use crate::calibration::Calibration;
 use crate::edges::side_scan::{EdgeCandidate, ScanRange, SideScan};
 use crate::face::end_outline::{END_TOLERANCE_PX, LIMIT_BEYOND_PX, ends_by_side, innermost};
 use crate::face::extent::FaceStripes;
-use crate::face::outline::{RoughRectangle, SIDES, outward_sign, span_mm};
+use crate::face::outline::{InitialRectangle, SIDES, outward_sign, span_mm};
 use crate::image::Frame;
 use crate::reject::Reject;
 
@@ -36,8 +36,8 @@ pub(crate) fn snap_to_image(
     frame: &Frame,
     calibration: &Calibration,
     face: &FaceStripes,
-    outline: &RoughRectangle,
-) -> Result<RoughRectangle, Reject> {
+    outline: &InitialRectangle,
+) -> Result<InitialRectangle, Reject> {
     let open = |sides_found: u8| Reject::RectangleOpen { sides_found };
     let (raster, px) = (outline.raster.on(&face.fit.plane), outline.mm_per_px);
     let ends = ends_by_side(calibration, face, &raster).ok_or_else(|| open(0))?;
@@ -102,7 +102,7 @@ pub(crate) fn snap_to_image(
     }
     match corners_outside(frame, calibration, &raster, &snapped) {
         Some(cut) => Err(cut),
-        None => Ok(RoughRectangle {
+        None => Ok(InitialRectangle {
             raster,
             offsets_mm: snapped,
             at_ends: flush.map(|f| !f),
@@ -154,7 +154,7 @@ mod tests {
             inner_segments(&frame, &calibration, &raster.plane, StripeContrast::Clear).expect("four stripes");
         let stripes = follow_stripes(&frame, &calibration, &inner, None).expect("a face");
         let offsets_mm = [-HALF_MM[0], HALF_MM[0] + 2.0 * px_mm, -HALF_MM[1], HALF_MM[1]];
-        let outline = RoughRectangle::new(raster, offsets_mm, px_mm);
+        let outline = InitialRectangle::new(raster, offsets_mm, px_mm);
         let found = snap_to_image(&frame, &calibration, &stripes, &outline).expect("four edges");
         for (side, (offset_mm, true_mm)) in
             found.offsets_mm.iter().zip([-HALF_MM[0], HALF_MM[0], -HALF_MM[1], HALF_MM[1]]).enumerate()

@@ -4,7 +4,7 @@
 use super::in_front::{InFront, SideLine};
 use crate::calibration::Calibration;
 use crate::face::extent::FaceStripes;
-use crate::face::outline::{RoughRectangle, SIDES, span_mm};
+use crate::face::outline::{InitialRectangle, SIDES, span_mm};
 use crate::image::Frame;
 use crate::reject::Reject;
 use crate::view::SideOdds;
@@ -37,7 +37,7 @@ impl HiddenSides {
         frame: &Frame,
         calibration: &Calibration,
         wide: &FaceStripes,
-        outline: &RoughRectangle,
+        outline: &InitialRectangle,
         odds: &SideOdds,
     ) -> Self {
         let raster = &outline.raster.on(&wide.fit.plane);
@@ -62,7 +62,7 @@ impl HiddenSides {
     }
 
     /// The refusal of a face of which something in front hides a piece.
-    pub fn refusal(&self, calibration: &Calibration, outline: &RoughRectangle) -> Option<Reject> {
+    pub fn refusal(&self, calibration: &Calibration, outline: &InitialRectangle) -> Option<Reject> {
         let Self { probabilities, objects } = self;
         let limit = objects.map(|object| if object.is_some() { AT_OBJECTS_EDGE } else { HIDDEN });
         let over = |side: &usize| probabilities[*side] / limit[*side];

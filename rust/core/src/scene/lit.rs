@@ -10,7 +10,7 @@
 use crate::calibration::Calibration;
 use crate::edges::linear_light;
 use crate::face::extent::{FaceStripes, crossing_on_px, inner_segment};
-use crate::face::outline::{RoughRectangle, SIDES, outward_sign};
+use crate::face::outline::{InitialRectangle, SIDES, outward_sign};
 use crate::face::raster::PlaneRaster;
 use crate::frames::{Cam, Plane, Point};
 use crate::image::Frame;
@@ -102,7 +102,7 @@ impl LitLines {
     pub fn of_sides(
         &self,
         calibration: &Calibration,
-        outline: &RoughRectangle,
+        outline: &InitialRectangle,
         face: &FaceMeasurement,
     ) -> [SideLight; 4] {
         let raster = &outline.raster;
