@@ -1,4 +1,4 @@
-//! A face fitted to its 16 numbers ([`crate::face::model`], as a rectangle), and what they then say of the lasers.
+//! A face fitted to its 16 numbers ([`FaceState`], as a rectangle), and what they then say of the lasers.
 
 use super::FaceLines;
 use crate::camera::CameraModel;
