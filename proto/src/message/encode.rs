@@ -5,8 +5,8 @@ use crate::json::{Laser, RecordedFrame, Recording, Role, covariance_size};
 use boxline::feasibility::Move;
 use boxline::measurement::FaceMeasurement;
 use boxline::{
-    AngleEstimate, BoxMeasurement, BoxReport, Calibration, Error, Estimate, FaceOutcome, Hint, LaserId,
-    Outcome, Px, Reject, Straightness, SurfacePoint, Warning,
+    AngleEstimate, BoxMeasurement, BoxReport, Calibration, Error, Estimate, FaceOutcome, FollowedFace, Hint,
+    LaserId, Outcome, Px, Reject, Straightness, SurfacePoint, Warning,
 };
 
 pub(super) fn report(report: &BoxReport, frame_ids: &[&str]) -> v1::BoxReport {
@@ -70,6 +70,20 @@ pub(super) fn face(outcome: &FaceOutcome, hint: Option<&Hint>, frame_id: &str) -
             let outcome = v1::Outcome::Rejected.into();
             v1::Face { frame, outcome, reject: Some(reject(why)), hint, ..v1::Face::default() }
         }
+    }
+}
+
+/// A face that was not measured in this frame: places on the sensor, and what is known from before.
+pub(super) fn followed_face(face: &FollowedFace) -> v1::Face {
+    v1::Face {
+        outcome: v1::Outcome::Measured.into(),
+        length: Some(length(face.length)),
+        width: Some(length(face.width)),
+        corners: face.corners_px.map(|at| v1::Corner { px: Some(px(at)), ..v1::Corner::default() }).into(),
+        key_points: face.key_points_px.iter().map(key_points).collect(),
+        confidence: face.confidence,
+        warnings: face.warnings.iter().map(warning).collect(),
+        ..v1::Face::default()
     }
 }
 

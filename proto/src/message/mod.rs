@@ -6,7 +6,7 @@
 mod decode;
 mod encode;
 
-use boxline::{BoxReport, Calibration, Error, ErrorKind, FaceReport};
+use boxline::{BoxReport, Calibration, Error, ErrorKind, LiveFace};
 use prost::Message;
 use std::path::Path;
 
@@ -25,9 +25,12 @@ pub fn encode_report(report: &BoxReport, frame_ids: &[&str]) -> Vec<u8> {
 
 /// What a head sees, as bytes of `boxline.v1.LiveView`.
 #[must_use]
-pub fn encode_live_view(seen: &FaceReport, steady: bool, frame: u64) -> Vec<u8> {
-    let face = encode::face(&seen.outcome, seen.hint.as_ref(), "");
-    v1::LiveView { face: Some(face), steady, frame }.encode_to_vec()
+pub fn encode_live_view(seen: &LiveFace, steady: bool, frame: u64) -> Vec<u8> {
+    let (face, followed) = match seen {
+        LiveFace::Looked(report) => (encode::face(&report.outcome, report.hint.as_ref(), ""), false),
+        LiveFace::Followed(face) => (encode::followed_face(face), true),
+    };
+    v1::LiveView { face: Some(face), steady, frame, followed }.encode_to_vec()
 }
 
 /// What [`encode_report`] was given.

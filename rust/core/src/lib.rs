@@ -89,7 +89,7 @@ pub use measurement::{
     Settings, SideLight, StageTimes, Straightness, SurfacePoint, Workers,
 };
 pub use network::{Channel, EdgeMap, EdgeMapNetwork, FaceMaps, Network};
-pub use pipeline::{measure_box, measure_face};
+pub use pipeline::{FollowedFace, LiveFace, Tracker, measure_box, measure_face};
 pub use reject::Reject;
 pub use report::{BoxReport, FaceReport};
 pub use units::{AngleEstimate, Estimate, LaserId, Px, Volume};

@@ -2,7 +2,8 @@
 
 use crate::guard::Failure;
 use crate::handles::Handles;
-use boxline::{Calibration, FaceOutcome, Frame, Settings, Workers, measure_box, measure_face};
+use crate::session::Head;
+use boxline::{Calibration, Frame, LiveFace, Settings, Workers, measure_box, measure_face};
 use boxline_proto::message::{encode_live_view, encode_report};
 use std::num::NonZeroUsize;
 use std::sync::Arc;
@@ -61,20 +62,31 @@ pub(crate) fn faces(
     Ok(encode_report(&report, &["a", "b", "c"][..frames.len()]))
 }
 
-/// Whether a face could be measured in frame `number`. Gives the bytes of a `boxline.v1.LiveView`; `steady` says of the view
-/// whether the head is held still.
+/// Whether a face could be measured in a frame. Gives the bytes of a `boxline.v1.LiveView`.
 pub(crate) fn view(
     picture: &Picture<'_>,
-    number: u64,
     calibration: &Calibration,
     stop: Option<&AtomicBool>,
-    steady: impl FnOnce(&FaceOutcome) -> bool,
 ) -> Result<Vec<u8>, Failure> {
     let frame = decode(picture, "frame")?;
     let network = network::get()?;
     let settings = Settings { network: network.as_ref_dyn(), cancelled: stop, ..Settings::default() };
-    let seen = measure_face(&frame, calibration, &settings)?;
-    Ok(encode_live_view(&seen, steady(&seen.outcome), number))
+    let seen = LiveFace::Looked(measure_face(&frame, calibration, &settings)?);
+    Ok(encode_live_view(&seen, false, 0))
+}
+
+/// What a head sees in its frame `number`: the same, or the face that an earlier frame showed.
+pub(crate) fn live_view(
+    head: &Head,
+    number: u64,
+    jpeg: &[u8],
+    calibration: &Calibration,
+    stop: Option<&AtomicBool>,
+) -> Result<Vec<u8>, Failure> {
+    let network = network::get()?;
+    let settings = Settings { network: network.as_ref_dyn(), cancelled: stop, ..Settings::default() };
+    let (seen, steady) = head.see(jpeg, calibration, &settings)?;
+    Ok(encode_live_view(&seen, steady, number))
 }
 
 /// A picture with the lasers off that does not fit is left out, and told in the log: nothing is lost without it.

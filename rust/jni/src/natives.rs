@@ -217,10 +217,8 @@ pub extern "system" fn view_frame<'local>(
         let jpeg = bytes_of_buffer(env, &frame, "frame")?;
         Ok(env.byte_array_from_slice(&measure::view(
             &Picture { jpeg: &jpeg, off: None },
-            0,
             &calibration,
             stop.as_deref(),
-            |_| false,
         )?)?)
     })
 }
@@ -311,7 +309,7 @@ pub extern "system" fn set_lasers<'local>(
 }
 
 /// `static native byte[] liveView(long head, long calibration, long after, long stop)`: waits for a lit frame later than
-/// number `after` and looks whether its face can be measured. Gives the bytes of a `boxline.v1.LiveView`.
+/// number `after` and looks whether its face can be measured, or where that of an earlier frame is now. Gives the bytes of a `boxline.v1.LiveView`.
 #[jni_mangle("dev.boxline.internal.Native")]
 pub extern "system" fn live_view<'local>(
     env: EnvUnowned<'local>,
@@ -328,14 +326,9 @@ pub extern "system" fn live_view<'local>(
         let stop = stop_sign(stop)?;
         let after = u64::try_from(after).map_err(|e| Failure::Argument(format!("after {after}: {e}")))?;
         let (number, frame) = head.lit_frame(after, stop.as_deref())?;
-        let steady = |face: &_| head.steady(face);
-        Ok(env.byte_array_from_slice(&measure::view(
-            &Picture { jpeg: &frame.jpeg, off: None },
-            number,
-            &calibration,
-            stop.as_deref(),
-            steady,
-        )?)?)
+        let stop = stop.as_deref();
+        let seen = measure::live_view(&head, number, &frame.jpeg, &calibration, stop)?;
+        Ok(env.byte_array_from_slice(&seen)?)
     })
 }
 
@@ -389,7 +382,7 @@ pub extern "system" fn view_captured<'local>(
         check_serial(&frame.serial, &calibration)?;
         let stop = stop_sign(stop)?;
         let picture = Picture { jpeg: &frame.jpeg, off: frame.off.as_deref() };
-        let view = measure::view(&picture, 0, &calibration, stop.as_deref(), |_| false)?;
+        let view = measure::view(&picture, &calibration, stop.as_deref())?;
         Ok(env.byte_array_from_slice(&view)?)
     })
 }

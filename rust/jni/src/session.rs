@@ -4,7 +4,7 @@
 use crate::guard::Failure;
 use crate::handles::Handles;
 use crate::steady::Steadiness;
-use boxline::Calibration;
+use boxline::{Calibration, LiveFace, Settings, Tracker};
 use boxline_proto::message::decode_calibration;
 use boxline_uvc::head::{self, Lasers};
 use boxline_uvc::{Device, Error, ErrorKind, Frame, Stream, StreamSettings, store};
@@ -51,9 +51,16 @@ struct Running {
 struct Shared {
     latest: Mutex<Latest>,
     changed: Condvar,
-    steadiness: Mutex<Steadiness>,
+    live: Mutex<Live>,
     #[cfg(target_os = "android")]
     window: Mutex<Option<crate::window::Window>>,
+}
+
+/// What the live view knows from earlier frames.
+#[derive(Default)]
+struct Live {
+    tracker: Tracker,
+    steadiness: Steadiness,
 }
 
 #[derive(Default)]
@@ -115,7 +122,7 @@ impl Head {
             return Ok(());
         }
         *lock(&self.shared.latest) = Latest::default();
-        *lock(&self.shared.steadiness) = Steadiness::default();
+        *lock(&self.shared.live) = Live::default();
         let stream = self.device.start(&StreamSettings { waiting_frames: 1 })?;
         for reason in stream.negotiated().mode.fallback.iter().chain(&stream.negotiated().fallback) {
             log::warn!("head {}: {reason}", self.serial);
@@ -157,9 +164,18 @@ impl Head {
         *lock(&self.shared.window) = window;
     }
 
-    /// The steadiness after a view seen now.
-    pub fn steady(&self, view: &boxline::FaceOutcome) -> bool {
-        lock(&self.shared.steadiness).next(view, Instant::now())
+    /// What the live view shows of a frame seen now, and whether the head is held still.
+    pub fn see(
+        &self,
+        jpeg: &[u8],
+        calibration: &Calibration,
+        settings: &Settings,
+    ) -> Result<(LiveFace, bool), Failure> {
+        let mut live = lock(&self.shared.live);
+        let frame = boxline::Frame::from_jpeg(jpeg).map_err(|e| e.in_context("frame"))?;
+        let seen = live.tracker.next(&frame, calibration, settings)?;
+        let steady = live.steadiness.next(seen.corners_px(), Instant::now());
+        Ok((seen, steady))
     }
 
     /// The next frame that all lasers lit, and one without them right after it, if the head gives one.

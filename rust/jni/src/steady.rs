@@ -1,6 +1,6 @@
 //! Whether the head is held still enough for a sharp picture, from where the corners of the face were in the last frames.
 
-use boxline::{FaceMeasurement, FaceOutcome, Px};
+use boxline::Px;
 use std::time::{Duration, Instant};
 
 /// Speed of a corner in the picture, px/s. The head exposes for up to 10 ms: at this speed an edge smears over half a
@@ -17,16 +17,16 @@ pub(crate) struct Steadiness {
 }
 
 impl Steadiness {
-    /// Takes the next view, seen at `at`; says whether the head is still.
-    pub fn next(&mut self, view: &FaceOutcome, at: Instant) -> bool {
-        let FaceOutcome::Measured(face) = view else {
+    /// Takes the corners of the next view, seen at `at`, if there is a face; says whether the head is still.
+    pub fn next(&mut self, corners_px: Option<[Px; 4]>, at: Instant) -> bool {
+        let Some(now) = corners_px else {
             *self = Self::default();
             return false;
         };
-        let before = self.last.replace((face.corners_px, at));
+        let before = self.last.replace((now, at));
         let slow = before.is_some_and(|(corners, then)| {
             let seconds = at.saturating_duration_since(then).as_secs_f64();
-            largest_shift_px(corners, face) <= MOST_PX_PER_S * seconds
+            largest_shift_px(corners, now) <= MOST_PX_PER_S * seconds
         });
         if slow {
             let since = *self.still_since.get_or_insert(before.map_or(at, |(_, then)| then));
@@ -39,8 +39,7 @@ impl Steadiness {
 }
 
 /// How far the corner went that went farthest; corners may start anywhere and go round either way.
-fn largest_shift_px(before: [Px; 4], face: &FaceMeasurement) -> f64 {
-    let now = face.corners_px;
+fn largest_shift_px(before: [Px; 4], now: [Px; 4]) -> f64 {
     let shift =
         |i: usize, j: usize| ((before[i].u - now[j].u).powi(2) + (before[i].v - now[j].v).powi(2)).sqrt();
     let orders = (0..4).flat_map(|start| [true, false].map(|forward| (start, forward)));
@@ -55,40 +54,20 @@ fn largest_shift_px(before: [Px; 4], face: &FaceMeasurement) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use boxline::frames::{Plane, Point};
-    use boxline::{Estimate, Reject};
 
-    fn face(shift_px: f64, turned: usize) -> FaceOutcome {
+    fn face(shift_px: f64, turned: usize) -> Option<[Px; 4]> {
         let square = [(0.0, 0.0), (900.0, 0.0), (900.0, 500.0), (0.0, 500.0)];
         let mut corners_px = square.map(|(u, v)| Px::new(u + shift_px, v));
         corners_px.rotate_left(turned);
-        FaceOutcome::Measured(Box::new(FaceMeasurement {
-            length: Estimate::new(300.0, 0.2),
-            width: Estimate::new(200.0, 0.2),
-            plane: Plane::new([0.0, 0.0, 0.001].into()),
-            corners_px,
-            corners: [Point::new(0.0, 0.0, 1000.0); 4],
-            key_points_px: [[Px::new(0.0, 0.0); 2]; 4],
-            rms_px: 0.3,
-            stripe_points_px: Default::default(),
-            edge_points_px: Default::default(),
-            uncertainty: Default::default(),
-            corner_angles: None,
-            warnings: Vec::new(),
-            surface: Vec::new(),
-            straightness: Default::default(),
-            light: None,
-            enclosing: [Estimate::default(); 2],
-            confidence: None,
-        }))
+        Some(corners_px)
     }
 
     /// Answers to views 100 ms apart.
-    fn answers(views: &[FaceOutcome]) -> Vec<bool> {
+    fn answers(views: &[Option<[Px; 4]>]) -> Vec<bool> {
         let mut steadiness = Steadiness::default();
         let start = Instant::now();
         let at = |i: usize| start + Duration::from_millis(100) * u32::try_from(i).expect("few");
-        views.iter().enumerate().map(|(i, view)| steadiness.next(view, at(i))).collect()
+        views.iter().enumerate().map(|(i, view)| steadiness.next(*view, at(i))).collect()
     }
 
     #[test]
@@ -103,7 +82,7 @@ mod tests {
         let moving: Vec<_> = (0..6).map(|i| face(6.0 * f64::from(i), 0)).collect();
         assert_eq!(answers(&moving), [false; 6]);
         let mut views: Vec<_> = (0..8).map(|_| face(0.0, 0)).collect();
-        views[4] = FaceOutcome::Rejected(Reject::RectangleOpen { sides_found: 2 });
+        views[4] = None;
         assert_eq!(answers(&views), [false, false, false, true, false, false, false, false]);
     }
 }

@@ -11,6 +11,7 @@ use crate::face::extent::{FaceStripes, InnerSegments, StripeContrast, follow_str
 use crate::face::map_outline::{MapOutline, map_outline, mask_at_border};
 use crate::face::outline::InitialRectangle;
 use crate::feasibility::{self, Hint};
+use crate::frames::{Cam, Plane};
 use crate::hypotheses::{FaceHypotheses, FaceHypothesis, MeasuredOutline, weighed};
 use crate::image::Frame;
 use crate::image::bands::band_maps;
@@ -65,20 +66,7 @@ pub(super) fn see_face(
     calibration: &Calibration,
     settings: &Settings,
 ) -> Result<FrameResult, Error> {
-    if frame.width_px() != calibration.width_px() as usize
-        || frame.height_px() != calibration.height_px() as usize
-    {
-        return Err(Error::new(
-            ErrorKind::CalibrationMismatch,
-            format!(
-                "the frame is {} x {} px, the calibration is for {} x {} px",
-                frame.width_px(),
-                frame.height_px(),
-                calibration.width_px(),
-                calibration.height_px()
-            ),
-        ));
-    }
+    check_size(frame, calibration)?;
     check_cancelled(settings)?;
     let mut progress = Progress::new();
     let network = chosen_network(settings).map(|network| NetworkOutput::new(network, frame)).transpose()?;
@@ -107,6 +95,25 @@ pub(super) fn see_face(
         Err(reject) => Hint::new(calibration, progress.pose.as_ref(), &reject),
     };
     Ok(FrameResult { hypotheses: seen, hint, times: progress.times })
+}
+
+/// Refuses a frame that is not of the calibration's size.
+pub(super) fn check_size(frame: &Frame, calibration: &Calibration) -> Result<(), Error> {
+    if frame.width_px() != calibration.width_px() as usize
+        || frame.height_px() != calibration.height_px() as usize
+    {
+        return Err(Error::new(
+            ErrorKind::CalibrationMismatch,
+            format!(
+                "the frame is {} x {} px, the calibration is for {} x {} px",
+                frame.width_px(),
+                frame.height_px(),
+                calibration.width_px(),
+                calibration.height_px()
+            ),
+        ));
+    }
+    Ok(())
 }
 
 fn is_cancelled(settings: &Settings) -> bool {
@@ -375,7 +382,22 @@ fn measure_outline(
     measure_initial(task, &face, &initial, progress)
 }
 
-/// Finds the edges beside a initial rectangle and fits it.
+/// Measures the face that is where one was a moment ago: near a plane, and beside an outline on the plane that its stripes then have.
+/// Asks no network.
+pub(super) fn measure_beside(
+    frame: &Frame,
+    calibration: &Calibration,
+    settings: &Settings,
+    plane: &Plane<Cam>,
+    outline: impl FnOnce(&Plane<Cam>) -> Option<InitialRectangle>,
+) -> Option<FaceMeasurement> {
+    let settings = &Settings { edges: EdgeMethod::Gradient, trace: None, ..*settings };
+    let task = Task { frame, calibration, settings, network: None, edge_map: None };
+    let inner = inner_segments(frame, calibration, plane, StripeContrast::Clear)?;
+    measure_outline(&task, &inner, &outline(&inner.plane)?, &mut Progress::new()).ok()
+}
+
+/// Finds the edges beside an initial rectangle and fits it.
 fn measure_initial(
     task: &Task,
     face: &FaceStripes,

@@ -3,6 +3,7 @@
 mod face;
 mod progress;
 mod tracer;
+mod track;
 
 use crate::box_depth;
 use crate::calibration::Calibration;
@@ -19,6 +20,7 @@ use crate::warning::Warning;
 use face::{FrameResult, located, paper_network, see_face, unsure};
 use progress::add_time;
 use std::ops::RangeInclusive;
+pub use track::{FollowedFace, LiveFace, Tracker};
 
 /// Frames that make a box: two adjacent faces, or three.
 const FRAMES: RangeInclusive<usize> = 2..=3;

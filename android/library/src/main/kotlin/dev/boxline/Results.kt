@@ -71,7 +71,7 @@ public sealed interface FaceResult {
 
 /** One face of a box in one picture. */
 public sealed interface FaceView {
-    /** The face can be measured. */
+    /** The face can be measured. Live it may be one that an earlier picture showed: [length] and [width] were measured there. */
     public class Measurable internal constructor(
         public val length: Length,
         public val width: Length,
