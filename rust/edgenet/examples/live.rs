@@ -77,7 +77,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     if followed.is_empty() {
         return Err("no frame was followed: the faces cannot be measured".into());
     }
-    if frames > SETTLED && !(kb - settled_kb <= STEADY_KB) {
+    if frames > SETTLED && (kb.is_nan() || kb - settled_kb > STEADY_KB) {
         return Err(format!("memory grew by {:.0} kB, {STEADY_KB} are allowed", kb - settled_kb).into());
     }
     Ok(())
