@@ -10,7 +10,7 @@ use boxline_edgenet::{EdgeNet, Options};
 use boxline_sim::board::{Faults, render_board};
 use boxline_sim::recording::{Detail, Exposure, expose_full_frame, jpeg};
 use boxline_sim::rng::Rng;
-use boxline_sim::world::twin::{ViewDirection, BOXES_MM, Finish, Order, twin};
+use boxline_sim::world::twin::{BOXES_MM, Finish, Order, ViewDirection, twin};
 use boxline_sim::{Head, Split, Stock};
 use clap::Parser;
 
@@ -64,7 +64,9 @@ fn main() -> Result<()> {
                     bulge_mm: 0.0,
                     finish: Finish::Matt,
                     column_mm: None,
-                    views: [FRONT, RIGHT].map(|face| (face, ViewDirection::ByHand { most_deg: MOST_DEG })).to_vec(),
+                    views: [FRONT, RIGHT]
+                        .map(|face| (face, ViewDirection::ByHand { most_deg: MOST_DEG }))
+                        .to_vec(),
                 };
                 let Some(scene) = twin(rng, head, &order, &stock) else { return Ok(None) };
                 let shot = |(i, view)| -> Result<Frame> {
