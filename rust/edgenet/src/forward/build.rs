@@ -255,9 +255,9 @@ impl Builder {
             };
             let is_add = matches!(
                 self.drafts[at].kind,
-                Kind::Other(Op::BinaryOp { kind: BinaryOp::Add, spread: [Spread::Same, Spread::Same] })
+                Kind::Other(Op::Binary { kind: BinaryOp::Add, spread: [Spread::Same, Spread::Same] })
             );
-            let is_relu = matches!(self.drafts[at].kind, Kind::Other(Op::UnaryOp(UnaryOp::Relu)));
+            let is_relu = matches!(self.drafts[at].kind, Kind::Other(Op::Unary(UnaryOp::Relu)));
             let plain = |maker: &usize| {
                 let before = &self.drafts[*maker];
                 matches!(&before.kind, Kind::Conv(conv) if !conv.relu && (is_relu || before.inputs.len() == 1))
@@ -403,7 +403,7 @@ fn at_once(op: &Op, inputs: &[Rc<Data>], len: usize) -> Outcome<Data> {
     match op {
         Op::Take(places) => ops::take(whole[0], places, &mut out),
         Op::Join(parts) => ops::join(&whole, parts, &mut out),
-        Op::BinaryOp { kind, spread } if whole.len() == 2 => {
+        Op::Binary { kind, spread } if whole.len() == 2 => {
             let at = |number: usize, n: usize| whole[number][spread[number].place(n, whole[number].len())];
             for (n, out) in out.iter_mut().enumerate() {
                 let (a, b) = (at(0, n), at(1, n));

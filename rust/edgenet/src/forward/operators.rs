@@ -89,7 +89,7 @@ impl Builder {
         };
         let each = |kind| {
             Ok(NodeResult::Step(
-                Kind::Other(Op::UnaryOp(kind)),
+                Kind::Other(Op::Unary(kind)),
                 vec![first()?.clone()],
                 first()?.sizes.clone(),
             ))
@@ -338,7 +338,7 @@ fn pair(kind: BinaryOp, inputs: &[Option<Value>]) -> Outcome<NodeResult> {
         return wrong(format!("an array of {sizes:?} is too large"));
     }
     let spread = [spread(&a.sizes, &sizes), spread(&b.sizes, &sizes)];
-    Ok(NodeResult::Step(Kind::Other(Op::BinaryOp { kind, spread }), vec![a.clone(), b.clone()], sizes))
+    Ok(NodeResult::Step(Kind::Other(Op::Binary { kind, spread }), vec![a.clone(), b.clone()], sizes))
 }
 
 fn slice(inputs: &[Option<Value>]) -> Outcome<NodeResult> {

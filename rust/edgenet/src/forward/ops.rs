@@ -13,9 +13,9 @@ pub(crate) enum Op {
     /// Inputs one after the other, so many values of each in turn.
     Join(Vec<usize>),
     /// Two numbers make one.
-    BinaryOp { kind: BinaryOp, spread: [Spread; 2] },
+    Binary { kind: BinaryOp, spread: [Spread; 2] },
     /// One number makes one.
-    UnaryOp(UnaryOp),
+    Unary(UnaryOp),
     /// All values along some neighbouring axes make one.
     Reduce { kind: Reduce, lanes: Lanes },
     /// Exponentials, divided by their sum.
@@ -104,7 +104,7 @@ impl Op {
             }
             Self::Take(places) => take(input, places, out),
             Self::Join(parts) => join(inputs, parts, out),
-            Self::BinaryOp { kind, spread } => {
+            Self::Binary { kind, spread } => {
                 let Some(second) = inputs.get(1) else { return };
                 match kind {
                     BinaryOp::Add => pair(input, second, spread, out, |a, b| a + b),
@@ -116,7 +116,7 @@ impl Op {
                     }
                 }
             }
-            Self::UnaryOp(kind) => {
+            Self::Unary(kind) => {
                 let all = |out: &mut [f32], f: fn(f32) -> f32| {
                     out.iter_mut().zip(input).for_each(|(out, v)| *out = f(*v));
                 };
