@@ -88,11 +88,7 @@ impl Builder {
             }
         };
         let each = |kind| {
-            Ok(NodeResult::Step(
-                Kind::Other(Op::Unary(kind)),
-                vec![first()?.clone()],
-                first()?.sizes.clone(),
-            ))
+            Ok(NodeResult::Step(Kind::Other(Op::Unary(kind)), vec![first()?.clone()], first()?.sizes.clone()))
         };
         let seen_as = |sizes: Vec<usize>| -> Outcome<NodeResult> {
             let input = first()?;
