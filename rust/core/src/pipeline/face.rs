@@ -23,6 +23,7 @@ use crate::rectangle::hough_outline::hough_outline;
 use crate::rectangle::outlines::{OutlineHypothesis, Pair, outlines};
 use crate::rectangle::snap::snap_to_image;
 use crate::reject::Reject;
+use crate::report::FaceReport;
 use crate::scene::hidden::HiddenSides;
 use crate::scene::lit::LitLines;
 use crate::sides::ViewAxes;
@@ -58,6 +59,19 @@ impl FrameResult {
             Err(reject) => FaceOutcome::Rejected(reject),
         }
     }
+}
+
+/// Measures one face.
+///
+/// # Errors
+/// [`ErrorKind::CalibrationMismatch`] if the frame's size is not the calibration's; [`ErrorKind::Cancelled`].
+pub fn measure_face(
+    frame: &Frame,
+    calibration: &Calibration,
+    settings: &Settings,
+) -> Result<FaceReport, Error> {
+    let result = see_face(frame, calibration, settings)?;
+    Ok(FaceReport { outcome: result.outcome(), hint: result.hint, times: result.times })
 }
 
 /// Looks at one frame.

@@ -15,8 +15,9 @@ use crate::measurement::{
     BoxMeasurement, Candidate, DepthEstimate, FaceMeasurement, FaceOutcome, Outcome, Settings, StageTimes,
 };
 use crate::reject::Reject;
-use crate::report::{BoxReport, FaceReport};
+use crate::report::BoxReport;
 use crate::warning::Warning;
+pub use face::measure_face;
 use face::{FrameResult, located, paper_network, see_face, unsure};
 use progress::add_time;
 use std::ops::RangeInclusive;
@@ -24,19 +25,6 @@ pub use track::{FollowedFace, LiveFace, Tracker};
 
 /// Frames that make a box: two adjacent faces, or three.
 const FRAMES: RangeInclusive<usize> = 2..=3;
-
-/// Measures one face.
-///
-/// # Errors
-/// [`ErrorKind::CalibrationMismatch`] if the frame's size is not the calibration's; [`ErrorKind::Cancelled`].
-pub fn measure_face(
-    frame: &Frame,
-    calibration: &Calibration,
-    settings: &Settings,
-) -> Result<FaceReport, Error> {
-    let result = see_face(frame, calibration, settings)?;
-    Ok(FaceReport { outcome: result.outcome(), hint: result.hint, times: result.times })
-}
 
 /// Measures a box from frames of two or three adjacent faces. With three every side is seen twice: what one frame leaves open the others
 /// tell, a wrong side shows, and an A x A x B box is never ambiguous. A third frame that cannot be measured does no harm.

@@ -1,8 +1,7 @@
 //! A face followed from frame to frame of a live view: stripes near its last plane, sides near its last sides, no network. Where that does not
 //! find the same face again, and once in a while in any case, the frame is looked at in full.
 
-use super::face::{check_size, measure_beside};
-use super::measure_face;
+use super::face::{check_size, measure_beside, measure_face};
 use crate::calibration::Calibration;
 use crate::error::Error;
 use crate::face::outline::InitialRectangle;
