@@ -90,7 +90,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         }
     }
     let named = [
-        ("processor time: decode both, zune-jpeg", decode),
+        ("processor time: decode both", decode),
         ("processor time: whole pair", whole),
         ("wall time: whole pair on two threads", wall),
     ];
