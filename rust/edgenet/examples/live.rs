@@ -6,9 +6,12 @@
 //! ```
 //! Each of the recording's two faces stays in view for a while. Fails if no frame is followed, or if memory grows. Linux only: reads /proc.
 
+mod processor;
+
 use boxline::{Frame, LiveFace, Network, Settings, Tracker};
 use boxline_edgenet::{EdgeNet, Options};
 use boxline_proto::json::{read_calibration, read_recording};
+use processor::{proc_number, processor_ms};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
@@ -18,19 +21,6 @@ const STAYS: usize = 40;
 const SETTLED: usize = 200;
 /// Growth from then on that is none, kB: the heap takes and gives back pages. A leak of a kB and a quarter a frame is more in 2000 frames.
 const STEADY_KB: f64 = 2048.0;
-
-/// A number of `/proc/self/<file>` after a name.
-fn proc_number(file: &str, name: &str) -> f64 {
-    let text = std::fs::read_to_string(format!("/proc/self/{file}")).unwrap_or_default();
-    let line = text.lines().find_map(|line| line.strip_prefix(name)).unwrap_or_default();
-    line.split_whitespace().next().and_then(|n| n.parse().ok()).unwrap_or(f64::NAN)
-}
-
-/// Time on the processor so far, ms.
-fn processor_ms() -> f64 {
-    std::thread::yield_now(); // the kernel counts when it switches
-    proc_number("schedstat", "") * 1e-6
-}
 
 /// Median and least.
 fn print(what: &str, times: &mut [f64]) {

@@ -7,25 +7,15 @@
 //! the two alone; `rust/SPEED.md` compares. Processor time of one thread does not depend on who else uses the machine, but for caches and
 //! clock. Linux only: reads /proc.
 
+mod processor;
+
 use boxline::{EdgeMethod, Frame, Network, Settings, Workers, measure_box};
 use boxline_edgenet::{EdgeNet, Options};
 use boxline_proto::json::{read_calibration, read_recording};
+use processor::{proc_number, processor_ms};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::time::Instant;
-
-/// A number of `/proc/self/<file>` after a name.
-fn proc_number(file: &str, name: &str) -> f64 {
-    let text = std::fs::read_to_string(format!("/proc/self/{file}")).unwrap_or_default();
-    let line = text.lines().find_map(|line| line.strip_prefix(name)).unwrap_or_default();
-    line.split_whitespace().next().and_then(|n| n.parse().ok()).unwrap_or(f64::NAN)
-}
-
-/// Time on the processor so far, ms.
-fn processor_ms() -> f64 {
-    std::thread::yield_now(); // the kernel counts when it switches
-    proc_number("schedstat", "") * 1e-6
-}
 
 /// A second thread for the second frame.
 struct TwoThreads;

@@ -184,8 +184,6 @@ fn face_stages(task: &Task, progress: &mut Progress) -> Result<FaceHypotheses, R
         }
         Err(refusal) => refusal,
     };
-    let missing = grid_search::three_stripes(calibration, &ridges[0], &ridges[1], &grid);
-    progress.lap("grid");
     let seen = progress.pose.take();
     let (width, height, laser_response) = half_laser_response(frame);
     let faint = diagonals.map(|d: Diagonal| faint_ridge_map(width, height, &laser_response, d));
@@ -197,6 +195,8 @@ fn face_stages(task: &Task, progress: &mut Progress) -> Result<FaceHypotheses, R
     task.tracer().planes(&faint, &planes);
     measure_on_planes(task, &planes, StripeContrast::Faint, progress).map_err(|faint| {
         progress.pose = progress.pose.take().or(seen);
+        let missing = grid_search::three_stripes(calibration, &ridges[0], &ridges[1], &grid);
+        progress.lap("grid");
         let missing = missing.map(|laser| Reject::StripeMissing { laser, stripes_on_face: 3 });
         missing.or(faint).or(refusal).unwrap_or_else(|| no_box(0.0))
     })

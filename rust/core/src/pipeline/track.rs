@@ -148,18 +148,15 @@ impl Track {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::edges::linear_light;
     use crate::measurement::EdgeMethod;
     use crate::paper_head::paper_head;
-    use nalgebra::{Rotation3, Vector2};
+    use crate::scene::drawn::{Surface, drawn_on};
+    use nalgebra::Rotation3;
 
     /// Half sizes of the face, mm.
     const HALF_MM: [f64; 2] = [190.0, 140.0];
-    /// Linear red of board, of what lies behind it in the dark, and of a stripe's middle; of 255. Its standard deviation across, px.
-    const BOARD: f64 = 26.0;
-    const BEHIND: f64 = 4.0;
-    const STRIPE: f64 = 78.0;
-    const STRIPE_PX: f64 = 2.8;
+    /// What lies behind it in the dark, as paint.
+    const BEHIND: f64 = 0.15;
 
     fn settings() -> Settings<'static> {
         Settings { edges: EdgeMethod::Gradient, least_confidence: 0.0, ..Settings::default() }
@@ -168,36 +165,14 @@ mod tests {
     /// A face of these half sizes, its middle at a place in the camera frame, turned by angles about x, y and z (the stripes run at 45
     /// degrees), under four stripes.
     fn drawn(calibration: &Calibration, half_mm: [f64; 2], middle: [f64; 3], turned: [f64; 3]) -> Frame {
-        let [width, height] = [calibration.width_px() as usize, calibration.height_px() as usize];
         let turn = Rotation3::from_euler_angles(turned[0], turned[1], turned[2]);
         let (normal, middle) = (turn * Vector3::z(), Vector3::from(middle));
         let plane = Plane::new(normal / normal.dot(&middle));
-        let linear = linear_light();
-        let level = |light: f64| linear.partition_point(|l| f64::from(*l) < light).min(255) as u8;
-        let mut rgb = vec![0u8; 3 * width * height];
-        for (n, pixel) in rgb.chunks_exact_mut(3).enumerate() {
-            let at = Px::new((n % width) as f64, (n / width) as f64);
-            let (ray, jacobian) = calibration.camera().ray_from_px_with_jacobian(at);
-            let on_face = plane.intersect(&ray).map(|p| turn.inverse() * (p.mm - middle));
-            let inside = on_face.is_some_and(|p| p.x.abs() < half_mm[0] && p.y.abs() < half_mm[1]);
-            // Some noise, so that nothing divides by none.
-            let noise = 1.0 + 0.08 * ((n * 7919 % 13) as f64 / 13.0 - 0.5);
-            if !inside {
-                pixel.fill(level(BEHIND * noise));
-                continue;
-            }
-            let across = |laser: &Plane<Cam>| {
-                let line = plane.per_mm - laser.per_mm;
-                let gradient: Vector2<f64> = jacobian.transpose() * line.xy();
-                line.dot(&ray.xy1) / gradient.norm()
-            };
-            let light = |off_px: f64| (-0.5 * (off_px / STRIPE_PX).powi(2)).exp();
-            let stripes: f64 = calibration.lasers().iter().map(|laser| light(across(laser))).sum();
-            pixel.copy_from_slice(
-                &[BOARD * noise + STRIPE * stripes, BOARD * noise, BOARD * noise].map(level),
-            );
-        }
-        Frame::from_rgb(width, height, rgb).expect("the sensor's size")
+        let raster = PlaneRaster::along(&plane, middle, &(turn * Vector3::x())).expect("a direction");
+        drawn_on(calibration, &raster, |at| {
+            let on_face = at.x.abs() < half_mm[0] && at.y.abs() < half_mm[1];
+            Surface { on: on_face.then_some(plane), paint: if on_face { 1.0 } else { BEHIND } }
+        })
     }
 
     /// A hand that moves by 5 mm and a third of a degree from frame to frame; then another face, then none.

@@ -30,9 +30,18 @@ pub(crate) struct Surface {
     pub paint: f64,
 }
 
-/// A picture; each pixel is told where it sees the face's plane.
+/// A picture of [`face`]; each pixel is told where it sees the face's plane.
 pub(crate) fn drawn(seen: impl Fn(OnPlane) -> Surface) -> Frame {
     let (calibration, raster) = face();
+    drawn_on(&calibration, &raster, seen)
+}
+
+/// The same of a face on another plane.
+pub(crate) fn drawn_on(
+    calibration: &Calibration,
+    raster: &PlaneRaster,
+    seen: impl Fn(OnPlane) -> Surface,
+) -> Frame {
     let [width, height] = [calibration.width_px() as usize, calibration.height_px() as usize];
     let mut rgb = vec![0u8; 3 * width * height];
     let level =
