@@ -41,7 +41,6 @@ impl Shared {
     }
 
     /// Difference of the parameters, in the order of the covariance.
-    #[cfg(test)]
     pub fn minus(&self, other: &Self) -> SVector<f64, PARAMETERS> {
         let parameters = |s: &Self| {
             let c = &s.camera;
@@ -74,7 +73,7 @@ pub(super) fn board_plane(pose: &Pose<Cam, OnBoard>) -> Vector3<f64> {
 }
 
 /// d(ideal ray of a fixed pixel) / d(fx, fy, cx, cy, k1, k2, p1, p2, k3, skew).
-fn ray_by_camera(camera: &CameraModel, px: Px) -> SMatrix<f64, 2, { BY_CAMERA.len() }> {
+pub(super) fn ray_by_camera(camera: &CameraModel, px: Px) -> SMatrix<f64, 2, { BY_CAMERA.len() }> {
     let d = camera.distorted_from_px(px);
     let by_distorted = camera.ideal_by_distorted(d);
     let r2 = d.norm_squared();

@@ -6,8 +6,10 @@ use super::adjust::{
 };
 use super::board::{Board, OnBoard};
 use super::lens::{self, LensTerms};
-use super::misfit::{self, MisfitKind};
+use super::misfit::{Found, misfits};
+use super::misfit_kind::MisfitKind;
 use super::model::{SHARED, SKEW, Shared, board_plane, moved};
+use super::patterns::Solved;
 use super::planes;
 use super::rim::on_board;
 use super::uncertainty::{SideSeen, side_sigma_mm, usual_distance_mm};
@@ -169,8 +171,8 @@ fn frames_left_out_tell_which_terms_the_lens_has() {
 
 /// A set of frames with something wrong in it, solved with the paper's lens.
 struct WrongSet {
-    found: misfit::Found,
-    /// How large what is wrong is, as [`misfit::Misfit::size`] has it; `None` for a lens.
+    found: Found,
+    /// How large what is wrong is, as [`Misfit::size`](super::misfit_kind::Misfit::size) has it; `None` for a lens.
     size: Option<f64>,
     /// Errors of fx, fy, cx, cy in their sigmas, what was found taken in.
     sigmas: [f64; 4],
@@ -263,14 +265,15 @@ fn wrong_set(noise: &mut Noise, kind: Option<MisfitKind>) -> WrongSet {
         adjust(&mut shared, &mut seen, &spread, fixed, Loss::Tukey).expect("a good set");
     }
     let spread = scatter(&shared, &seen);
-    let solved = misfit::Solved {
+    let solved = Solved {
         shared: shared.clone(),
         frames: seen,
         scatter: spread,
         fixed,
         image_px: [2592, 1944],
+        board: BOARD,
     };
-    let found = misfit::misfits(&solved).expect("a good set");
+    let found = misfits(&solved).expect("a good set");
     for misfit in &found.misfits {
         println!("{kind:?}: {misfit}, chi^2 {:.0} over {:.0}; {size:?}", misfit.chi_square, misfit.limit);
     }
@@ -397,14 +400,15 @@ fn sigmas_take_in_a_term_that_was_not_chosen() {
         let information = adjust(&mut shared, &mut seen, &spread, fixed, Loss::Tukey).expect("a good set");
         let (_, inverse) = solve_scaled(&information, &SVector::zeros()).expect("a good set");
         let plain = covariance(&inverse);
-        let solved = misfit::Solved {
+        let solved = Solved {
             shared: shared.clone(),
             frames: seen,
             scatter: spread,
             fixed,
             image_px: [2592, 1944],
+            board: BOARD,
         };
-        let covariance = misfit::without_patterns(&solved).expect("a good set").covariance;
+        let covariance = misfits(&solved).expect("a good set").covariance;
         let error = shared.minus(&head);
         let square = |c: &CalibrationCovariance| (0..4).map(|i| error[i].powi(2) / c[(i, i)]).sum::<f64>();
         squares += square(&covariance) / 4.0 / SETS as f64;

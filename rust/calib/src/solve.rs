@@ -7,8 +7,10 @@ use super::adjust::{
 use super::board::{Board, BoardView, Circle, OnBoard};
 use super::judge;
 use super::lens::{self, LensChoice, LensTerms, LensTrial};
-use super::misfit::{self, Misfit, MisfitKind};
+use super::misfit::misfits;
+use super::misfit_kind::{Misfit, MisfitKind};
 use super::model::Shared;
+use super::patterns::Solved;
 use super::planes::{self, StripesInSpace};
 use super::reject::{CalibrationReject, FrameReject};
 use super::rim::{centre_from_rim, on_board};
@@ -189,9 +191,9 @@ impl CameraSolution {
         adjust(&mut self.shared, &mut used, &spread, fixed, Loss::Tukey).ok_or_else(unsolved)?;
         let image_px = [self.views[0].width_px, self.views[0].height_px];
         let rms = rms_of_centres(&self.shared, &used);
-        let (shared, frames) = (self.shared.clone(), used);
-        let found = misfit::misfits(&misfit::Solved { shared, frames, scatter: spread, fixed, image_px })
-            .ok_or_else(unsolved)?;
+        let (shared, frames, board) = (self.shared.clone(), used, self.board);
+        let solved = Solved { shared, frames, scatter: spread, fixed, image_px, board };
+        let found = misfits(&solved).ok_or_else(unsolved)?;
         Ok(CameraAlone {
             camera: found.shared.camera,
             covariance: found.covariance,
@@ -454,12 +456,13 @@ fn summarise(
 ) -> Option<CalibrationSolution> {
     let fixed = solution.fixed(false, false);
     let CameraSolution { shared, board, lens, trials, .. } = solution;
-    let found = misfit::misfits(&misfit::Solved {
+    let found = misfits(&Solved {
         shared: shared.clone(),
         frames: used.clone(),
         scatter: spread,
         fixed,
         image_px,
+        board,
     })?;
     let mut frames = Vec::with_capacity(used.len());
     let mut stripe_sums = [(0.0, 0.0f64); 4];
