@@ -48,6 +48,9 @@ fn from_middle([width, height]: [usize; 2], at: Px) -> Vector2<f64> {
     Vector2::new(at.u - 0.5 * (width as f64 - 1.0), at.v - 0.5 * (height as f64 - 1.0))
 }
 
+/// At one place of the sensor, px for one of each unknown: a lens's shifts, none if it is not asked, and a tilted sensor's.
+pub(super) type ShiftsAt = (Vec<Vector2<f64>>, [Vector2<f64>; TILTS]);
+
 /// Shifts of which the nearest camera, turned, takes nothing.
 #[derive(Clone, Debug)]
 pub(super) struct Fields {
@@ -86,7 +89,7 @@ impl Fields {
     }
 
     /// At a place of the sensor: the lens's, if they are asked for, and the tilts', px.
-    pub fn shifts(&self, at: Px, lens: bool) -> Option<(Vec<Vector2<f64>>, [Vector2<f64>; TILTS])> {
+    pub fn shifts(&self, at: Px, lens: bool) -> Option<ShiftsAt> {
         let by = by_camera(&self.camera, at)?;
         let taken = |k: usize| by * self.taken.fixed_view::<BY_CAMERA, 1>(0, k);
         let tilts = self.tilts(at);

@@ -3,7 +3,7 @@
 
 use super::adjust::{Fixed, FrameSeen, Loss, Scatter, adjust, own_sigmas, residuals, scatter, weight};
 use super::board::Board;
-use super::fields::{Fields, SHIFTS, TILTS, lens_shifts};
+use super::fields::{Fields, SHIFTS, ShiftsAt, TILTS, lens_shifts};
 use super::misfit_kind::MisfitKind;
 use super::model::{POSE, Row, SHARED, Shared, centre_rows, point_on_board, px_by_point, stripe_row};
 use boxline::eigen::symmetric_eigen;
@@ -341,7 +341,7 @@ impl Solved {
     }
 
     /// What a lens and a tilted sensor shift at a place of the sensor, px for one of each of their unknowns.
-    fn shifts(&self, patterns: &Patterns, at: Px) -> Option<(Vec<Vector2<f64>>, [Vector2<f64>; TILTS])> {
+    fn shifts(&self, patterns: &Patterns, at: Px) -> Option<ShiftsAt> {
         let lens = patterns.kinds.contains(&MisfitKind::Lens);
         match &patterns.fields {
             Some(fields) => fields.shifts(at, lens),

@@ -1,7 +1,7 @@
 //! Heads with real lenses and what is wrong with heads and boards, calibrated from rendered frames: how far camera, planes and the sides
 //! of boxes are off, in their sigmas, and which misfits are named. Prints the tables of `rust/CALIBRATION.md`.
 //!
-//! `cargo run --release -p boxline-sim --example heads -- --heads 40 --out heads.jsonl`
+//! `cargo run --release -p boxline-sim --example heads -- --heads 24 --seed 301 --out heads.jsonl`
 //!
 //! One line a head is kept in the file: called again, it goes on with what is not there yet.
 
