@@ -145,10 +145,9 @@ impl Wider {
         one_in_a_thousand(self.unknowns.max(1) as f64) + self.price_of_signs()
     }
 
-    /// Twice the logarithm of how many ways there are to choose the frames' signs. All the other way round is the same.
+    /// Twice the logarithm of how many ways there are to choose the frames' signs.
     fn price_of_signs(&self) -> f64 {
-        let stretched = self.patterns.last() == Some(MisfitKind::BoardStretched);
-        let free = if stretched { self.patterns.frames - 1 } else { 0 };
+        let free = self.patterns.last().map_or(0, |kind| self.patterns.free_signs(kind));
         2.0 * std::f64::consts::LN_2 * free as f64
     }
 

@@ -22,6 +22,9 @@ const ROUNDS: usize = 2;
 /// Sizes that are less likely than this, given the likeliest of the other patterns, do not count.
 const LEAST_LIKELY: f64 = 0.01;
 
+/// The last patterns, in this order: two ways to say much the same.
+const OF_PITCH: [MisfitKind; 2] = [MisfitKind::BoardStretched, MisfitKind::BoardsDiffer];
+
 /// Camera and planes over all sizes of what may be wrong.
 pub(super) struct Averaged {
     pub shared: Shared,
@@ -59,8 +62,7 @@ pub(super) fn averaged(
     let over = beside.over_sizes(&parts, &usual)?;
     let (lens, inverse) = beside.shared(&over, &values);
     // How far a term that the lens has not would move from 0, and camera and planes with it, is one more standard deviation.
-    let free = Fixed { lens: LensTerms::BROWN, ..left.fixed };
-    let lens = CalibrationStep::from_fn(|i, _| if free.contains(i) { 0.0 } else { lens[i] });
+    let lens = CalibrationStep::from_fn(|i, _| if beside.fixed.contains(i) { 0.0 } else { lens[i] });
     // A camera has no terms for a tilted sensor. It and the planes take of it what they can, since boxes are seen through it too, and how far
     // that moves them is one more standard deviation: another part of the picture would take another share.
     let upright = left.shared.clone();
@@ -69,7 +71,7 @@ pub(super) fn averaged(
     let tilted = left.shared.minus(&upright);
     let stretch = scale_sigma(&patterns, &over);
     let mut scaled = CalibrationStep::zeros();
-    for (k, plane) in left.shared.planes.iter().enumerate().filter(|_| !free.planes) {
+    for (k, plane) in left.shared.planes.iter().enumerate().filter(|_| !left.fixed.planes) {
         scaled.fixed_rows_mut::<3>(PLANES + 3 * k).copy_from(&(plane * stretch));
     }
     let (_, information) = solve_scaled(&inverse, &SVector::zeros())?;
@@ -82,12 +84,11 @@ pub(super) fn averaged(
     Some(Averaged { shared: left.shared, covariance, information, absent })
 }
 
-/// These patterns and all that may be there without being named: a board that is stretched, then boards that differ, are the last.
+/// These patterns and all that may be there without being named.
 fn with_all(left: &Solved, named: &Patterns, values: &DVector<f64>) -> Option<(Patterns, DVector<f64>)> {
-    let last = [MisfitKind::BoardStretched, MisfitKind::BoardsDiffer];
     let mut patterns =
         Patterns { fields: Some(Fields::new(&left.shared.camera, left.image_px)?), ..named.clone() };
-    patterns.kinds.retain(|kind| !last.contains(kind));
+    patterns.kinds.retain(|kind| !OF_PITCH.contains(kind));
     let more = [MisfitKind::BoardBowed, MisfitKind::FocusChanges].into_iter();
     patterns.kinds.extend(more.filter(|kind| !named.kinds.contains(kind)));
     patterns.kinds.push(MisfitKind::BoardStretched);
@@ -113,7 +114,7 @@ impl Solved {
         let mut neither = values.clone();
         neither.rows_mut(stretched, patterns.tilt() - stretched).fill(0.0);
         let mut others = patterns.clone();
-        others.kinds.retain(|kind| ![MisfitKind::BoardStretched, MisfitKind::BoardsDiffer].contains(kind));
+        others.kinds.retain(|kind| !OF_PITCH.contains(kind));
         others.signs = None;
         patterns.signs = Some(solved.without(self, patterns, &neither)?.signs(&others)?);
         values.rows_mut(stretched, patterns.columns(MisfitKind::BoardStretched)).fill(0.0);
@@ -128,12 +129,10 @@ fn parts(patterns: &Patterns) -> Vec<Part> {
         let unknowns = first..first + patterns.columns(*kind);
         first = unknowns.end;
         // Any of so many choices of the frames' signs, of which this is the best.
-        let choices = if *kind == MisfitKind::BoardStretched { patterns.frames - 1 } else { 0 };
+        let choices = patterns.free_signs(*kind);
         parts.push(Part { unknowns, log_any: -std::f64::consts::LN_2 * choices as f64 });
     }
-    if patterns.fields.is_some() {
-        parts.push(Part { unknowns: first..first + TILTS, log_any: 0.0 });
-    }
+    parts.push(Part { unknowns: patterns.tilt()..patterns.all_columns(), log_any: 0.0 });
     parts
 }
 
@@ -158,6 +157,8 @@ struct Beside {
     /// About the difference to the present values.
     told: Told,
     present: DVector<f64>,
+    /// All of Brown's terms are free.
+    fixed: Fixed,
     /// Camera and planes if no pattern were unknown.
     step: SVector<f64, SHARED>,
     inverse: Information,
@@ -186,7 +187,7 @@ impl Beside {
             all.information.view((SHARED, SHARED), (rest, rest)) + across.transpose() * &by_pattern;
         let right = all.right.rows(SHARED, rest) - across.transpose() * step;
         let told = Told { information, right, units: all.units.rows(SHARED, rest).into_owned() };
-        Some(Self { told, present: values.clone(), step, inverse, by_pattern })
+        Some(Self { told, present: values.clone(), fixed, step, inverse, by_pattern })
     }
 
     /// Averages over the sizes of all parts, `most` the standard deviations of the largest.

@@ -45,14 +45,21 @@ pub(super) struct Patterns {
 }
 
 impl Patterns {
+    /// Number of unknowns of a pattern.
     pub fn columns(&self, kind: MisfitKind) -> usize {
-        let (common, own) = self.unknowns(kind);
+        let each_by_itself = kind == MisfitKind::BoardStretched && self.signs.is_none();
+        let (common, own) = if each_by_itself { (0, 2) } else { kind.unknowns() };
         common + own * self.frames
     }
 
-    pub fn unknowns(&self, kind: MisfitKind) -> (usize, usize) {
-        let each_by_itself = kind == MisfitKind::BoardStretched && self.signs.is_none();
-        if each_by_itself { (0, 2) } else { kind.unknowns() }
+    /// Unknowns of the first patterns.
+    fn before(&self, patterns: usize) -> usize {
+        self.kinds[..patterns].iter().map(|kind| self.columns(*kind)).sum()
+    }
+
+    /// Signs of frames that are chosen for a pattern. All the other way round is the same.
+    pub fn free_signs(&self, kind: MisfitKind) -> usize {
+        if kind == MisfitKind::BoardStretched { self.frames - 1 } else { 0 }
     }
 
     pub fn all_columns(&self) -> usize {
@@ -61,13 +68,12 @@ impl Patterns {
 
     /// Number of the first unknown of a pattern.
     pub fn first(&self, kind: MisfitKind) -> Option<usize> {
-        let at = self.kinds.iter().position(|k| *k == kind)?;
-        Some(self.kinds[..at].iter().map(|kind| self.columns(*kind)).sum())
+        self.kinds.iter().position(|k| *k == kind).map(|at| self.before(at))
     }
 
     /// Number of the first unknown of a tilted sensor.
     pub fn tilt(&self) -> usize {
-        self.kinds.iter().map(|kind| self.columns(*kind)).sum()
+        self.before(self.kinds.len())
     }
 
     /// What each unknown may be before frames are seen, standard deviations.
@@ -102,7 +108,7 @@ pub(super) struct Solved {
 
 impl MisfitKind {
     /// Unknowns of a pattern that all frames share, and those that each frame has for itself.
-    pub(super) const fn unknowns(self) -> (usize, usize) {
+    const fn unknowns(self) -> (usize, usize) {
         match self {
             Self::Lens => (SHIFTS, 0),
             Self::BoardBowed => (BOW_POWERS.len(), 0),
@@ -117,7 +123,7 @@ impl MisfitKind {
         match self {
             Self::Lens => LENS_PX,
             Self::BoardBowed => {
-                let [m, n] = BOW_POWERS[i % BOW_POWERS.len()];
+                let [m, n] = BOW_POWERS[i];
                 BOW_MM / BOW_AT_M.powi(m + n)
             }
             // Half of the difference of the pitches.
@@ -247,8 +253,7 @@ impl Solved {
 
     /// What is told about the unknowns of these patterns from `asked` on, poses, camera and the patterns before them free.
     pub fn told(&self, patterns: &Patterns, asked: usize) -> Option<Told> {
-        let before: usize = patterns.kinds[..asked].iter().map(|kind| patterns.columns(*kind)).sum();
-        Some(self.normal_equations(patterns)?.without_first(SHARED + before))
+        Some(self.normal_equations(patterns)?.without_first(SHARED + patterns.before(asked)))
     }
 
     /// What is told about camera, planes and the unknowns of these patterns, poses free.

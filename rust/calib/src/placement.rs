@@ -34,15 +34,10 @@ impl Solved {
     /// Puts each frame's grid where the patterns of these values fit its circles best; `seen` has the circles where they were seen.
     pub fn place(&mut self, seen: &Self, patterns: &mut Patterns, values: &DVector<f64>) -> Option<()> {
         for i in 0..self.frames.len() {
-            let mut best: Option<(f64, Placement)> = None;
-            for placement in self.placements(&self.frames[i]) {
-                let Some(rest) = self.rest(seen, patterns, values, i, placement) else { continue };
-                // What stands first stays unless another is better.
-                if best.is_none_or(|(least, _)| rest < least) {
-                    best = Some((rest, placement));
-                }
-            }
-            let (_, placement) = best?;
+            let placements = self.placements(&self.frames[i]).into_iter();
+            let tried = placements.filter_map(|p| Some((self.rest(seen, patterns, values, i, p)?, p)));
+            // Of several as good the first.
+            let (_, placement) = tried.min_by(|a, b| a.0.total_cmp(&b.0))?;
             let frame = &mut self.frames[i];
             let turn = placement.turn().transpose();
             let mut turn3 = Matrix3::identity();
