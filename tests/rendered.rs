@@ -2,7 +2,7 @@
 //! (`rust/SEEDS.md`), so what is measured here is no figure.
 #![allow(clippy::unwrap_used)] // the helpers of tests are tests
 
-use boxline::{Outcome, Settings, measure_box};
+use boxline::{FaceOutcome, Outcome, Settings, measure_box, measure_face};
 use boxline_proto::json::is_wrong_box;
 use boxline_sim::recording::{Kind, Recipe};
 use boxline_sim::{Hazards, Split, Stock};
@@ -58,4 +58,15 @@ fn a_faint_stripe_is_not_a_missing_one() {
     let outcome = measure_box(&frames.each_ref(), &rendered.calibration, &settings).unwrap().outcome;
     let Outcome::Measured(found) = outcome else { panic!("{outcome:?}") };
     assert!(!is_wrong_box(&found, rendered.truth.box_mm.unwrap()), "{found:?}");
+}
+
+/// The picture's border cuts off a quarter of this face, and a band of print within looks like its side: taken for one, the face is 144 mm
+/// too short, with a confidence of 0.80 where nothing is said of the border
+/// (`boxline render --held-out --kind refuse --frames 1 --seed 140000281`).
+#[test]
+fn a_line_on_a_face_that_goes_on_to_the_border_is_not_its_side() {
+    let rendered = Rendered::new(&Recipe::new(140_000_281, Kind::Refuse(1)), &Stock::new(Split::HeldOut));
+    let settings = Settings { least_confidence: 0.5, ..shipped() };
+    let outcome = measure_face(&rendered.frame("r01"), &rendered.calibration, &settings).unwrap().outcome;
+    assert!(matches!(outcome, FaceOutcome::Rejected(_)), "{outcome:?}");
 }

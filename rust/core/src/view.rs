@@ -157,6 +157,12 @@ impl SideOdds {
         found
     }
 
+    /// Probability that a side is not in the picture.
+    #[must_use]
+    pub fn not_in_view(&self, side: usize) -> f64 {
+        1.0 - self.sides[side].places.iter().sum::<f64>()
+    }
+
     /// Probability that something in front of the face hides a piece of a side, its corners or a stripe's end there.
     #[must_use]
     pub fn hidden(&self, side: usize) -> f64 {

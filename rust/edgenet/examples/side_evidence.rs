@@ -4,9 +4,9 @@
 //!
 //! A row for each line: recording and frame, side, px outwards from the true side, mm and px, radius of the box's edges in px, the
 //! logarithm of its odds by all but the networks of lines and sides, the strength of its edge, what the network of lines says,
-//! the probability that the network of sides gives its place, and that it gives the side to be hidden; how far outwards of the true side
+//! the probability that the network of sides gives its place, that it gives the side to be hidden, and to be outside the picture; how far outwards of the true side
 //! the measured one is, mm, if the face could be measured however unsure it is, and the larger sigma of its length and width; what the
-//! stripes' light says of the line (`StripeLight`).
+//! stripes' light says of the line (`StripeLight`), and how much of what lies beyond it is the face in the map (`FaceMaps::face_beyond`).
 //!
 //! With `--without-network` before the recordings it is what is looked at without one (`diagnostics::SideLine`), for `training/weights_alone.py`.
 
@@ -30,6 +30,7 @@ struct Row {
     told: f32,
     seen: f64,
     hidden: f64,
+    not_in_view: f64,
 }
 
 /// The network that ships, which keeps what it says.
@@ -54,9 +55,11 @@ impl Network for Recorder<'_> {
         let told = self.network.line_log_odds(strip)?;
         let odds = self.odds.lock().unwrap_or_else(PoisonError::into_inner);
         let seen = odds.as_ref().zip(strip.bin);
-        let seen = seen.map(|(odds, bin)| [odds.at(strip.side, bin), odds.hidden(strip.side)]);
-        let [seen, hidden] = seen.unwrap_or([f64::NAN; 2]);
-        let row = Row { strip: strip.clone(), told, seen, hidden };
+        let seen = seen.map(|(odds, bin)| {
+            [odds.at(strip.side, bin), odds.hidden(strip.side), odds.not_in_view(strip.side)]
+        });
+        let [seen, hidden, not_in_view] = seen.unwrap_or([f64::NAN; 3]);
+        let row = Row { strip: strip.clone(), told, seen, hidden, not_in_view };
         self.rows.lock().unwrap_or_else(PoisonError::into_inner).push(row);
         Ok(told)
     }
@@ -78,7 +81,7 @@ fn main() -> Outcome<()> {
     }
     let network = EdgeNet::embedded(&Options::default())?;
     println!(
-        "recording,frame,refuse,side,off_px,mm_per_px,radius_mm,known,strength,told,seen,hidden,measured_off_mm,sigma_mm,beyond_least,beyond_most,missing"
+        "recording,frame,refuse,side,off_px,mm_per_px,radius_mm,known,strength,told,seen,hidden,not_in_view,measured_off_mm,sigma_mm,beyond_least,beyond_most,missing,to_border,mask_beyond"
     );
     for recordings in arguments {
         for folder in with_truth(&recordings)? {
@@ -114,7 +117,7 @@ fn measured_side(face: &FaceMeasurement, truth: &TrueFace, [o, p]: [f64; 2]) -> 
 
 /// A frame with its true face.
 struct View {
-    /// Recording, frame, and whether it must be refused: the first columns of a row.
+    /// Recording, frame, and why it must be refused (0: it need not): the first columns of a row.
     columns: String,
     truth: TrueFace,
     picture: Frame,
@@ -138,7 +141,7 @@ fn each_view(folder: &Path, print: impl Fn(&View, &Calibration) -> Outcome<()>) 
         let Some(face) = truth.faces.iter().find(|f| f.frame == frame.id) else { continue };
         let Some(truth) = TrueFace::of(face) else { continue };
         let picture = Frame::from_jpeg(&std::fs::read(&frame.file)?)?;
-        let columns = format!("{name},{},{}", frame.id, u8::from(face.refuse.is_some()));
+        let columns = format!("{name},{},{}", frame.id, face.refuse.as_deref().unwrap_or("0"));
         print(&View { columns, truth, picture }, &calibration)?;
     }
     Ok(())
@@ -151,18 +154,25 @@ fn with_network(network: &EdgeNet, view: &View, calibration: &Calibration) -> Ou
     let settings = Settings { network: Some(&recorder), least_confidence: 0.0, ..Settings::default() };
     let measured = measure_face(picture, calibration, &settings)?.outcome;
     let rows = recorder.rows.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let maps = network.maps(picture)?;
     let mut before = 0;
     // Other planes are tried after the first one: the sides begin again.
-    for Row { strip, told, seen, hidden } in
+    for Row { strip, told, seen, hidden, not_in_view } in
         rows.iter().take_while(|row| std::mem::replace(&mut before, row.strip.side) <= row.strip.side)
     {
         let Some(off_px) = truth.off_px(strip.middle, strip.outwards) else { continue };
         let [off_mm, sigma_mm] = view.measured_mm(&measured, strip.outwards);
+        let mask = maps.face_beyond(strip.middle, strip.outwards);
         let [p, q] = strip.light.beyond;
         let strength = strip.values[(boxline::network::STRIP[1] * 2 - 1) * boxline::network::STRIP[2]];
         println!(
-            "{columns},{},{off_px:.2},{:.4},{:.2},{:.4},{strength:.3},{told:.4},{seen:.6},{hidden:.4},{off_mm:.3},{sigma_mm:.3},{p:.2},{q:.2},{:.2}",
-            strip.side, truth.mm_per_px, truth.radius_mm, strip.log_odds, strip.light.missing,
+            "{columns},{},{off_px:.2},{:.4},{:.2},{:.4},{strength:.3},{told:.4},{seen:.6},{hidden:.4},{not_in_view:.6},{off_mm:.3},{sigma_mm:.3},{p:.2},{q:.2},{:.2},{:.2},{mask:.4}",
+            strip.side,
+            truth.mm_per_px,
+            truth.radius_mm,
+            strip.log_odds,
+            strip.light.missing,
+            strip.light.to_border,
         );
     }
     Ok(())

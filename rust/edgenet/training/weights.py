@@ -26,13 +26,16 @@ LEAST_LEFT = 1e-6  # as in rivals.rs
 SAME_PX = 10.0  # lines that are taken together, as in rivals.rs
 
 
-def read(path: Path) -> dict:
-    """Lines by recording, frame and side; frames that must be refused are left out."""
+COLUMNS = ("off_px", "mm_per_px", "radius_mm", "told", "seen", "known", "hidden", "not_in_view", "measured_off_mm", "beyond_least", "beyond_most", "missing", "to_border", "mask_beyond")
+
+
+def read(path: Path, refuse: str = "0") -> dict:
+    """Lines by recording, frame and side, of frames that may be measured or must be refused for a reason."""
     sides = defaultdict(list)
     with open(path, newline="") as file:
         for row in csv.DictReader(file):
-            if row["refuse"] == "0":
-                sides[row["recording"], row["frame"], int(row["side"])].append({k: float(row[k]) for k in ("off_px", "mm_per_px", "radius_mm", "told", "seen", "known", "hidden", "measured_off_mm", "beyond_least", "beyond_most", "missing")})
+            if row["refuse"] == refuse:
+                sides[row["recording"], row["frame"], int(row["side"])].append({k: float(row[k]) for k in COLUMNS})
     return sides
 
 

@@ -24,6 +24,7 @@ use crate::rectangle::outlines::{OutlineHypothesis, Pair, outlines};
 use crate::rectangle::snap::snap_to_image;
 use crate::reject::Reject;
 use crate::report::FaceReport;
+use crate::scene::cut;
 use crate::scene::hidden::HiddenSides;
 use crate::scene::lit::LitLines;
 use crate::sides::ViewAxes;
@@ -304,18 +305,24 @@ fn measure_outlines(
     task.tracer().outlines(&outlines);
     let best = outlines.first().ok_or(Reject::RectangleOpen { sides_found: 0 })?;
     progress.see(&best.outline.raster, &best.outline.offsets_mm);
-    let mut free = 1.0;
-    if let Some((_, odds)) = &seen {
+    let (mut seen_whole, mut pairs_whole) = (1.0, [1.0; 2]);
+    if let Some(((_, odds), network)) = seen.as_ref().zip(network) {
         let hidden = HiddenSides::of(frame, calibration, wide, &best.outline, odds);
         progress.lap("outline");
         if let Some(reject) = hidden.refusal(calibration, &best.outline) {
             return Err(reject);
         }
-        free = hidden.chance_that_free();
+        let free = hidden.chance_that_free();
+        let seen =
+            cut::Seen { calibration, wide, outline: &best.outline, odds, maps: &network.maps, lit: &lit };
+        let inside = seen.chance_that_whole();
+        pairs_whole = inside.map(|inside| free * inside);
+        seen_whole = free * inside[0] * inside[1];
     }
     let measured = outlines.iter().map(|OutlineHypothesis { outline, probability, pairs }| MeasuredOutline {
-        probability: free * probability,
-        pairs: pairs.map(|pair| Pair { probability: free * pair.probability, ..pair }),
+        probability: seen_whole * probability,
+        pairs: [0, 1]
+            .map(|axis| Pair { probability: pairs_whole[axis] * pairs[axis].probability, ..pairs[axis] }),
         sides_mm: [1, 3].map(|high| outline.offsets_mm[high] - outline.offsets_mm[high - 1]),
         face: measure_outline(task, inner, outline, progress).map(|face| {
             let light = lit.of_sides(calibration, outline, &face);

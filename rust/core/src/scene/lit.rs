@@ -91,11 +91,13 @@ impl LitLines {
                     to.map(|to| sign * line.between(at, beyond, [NEAREST_PX, to].map(|px| outwards * px)));
                 sums.fold(0.0, f64::max).min(MOST)
             };
-            [most(1.0, 1.0), most(-1.0, -1.0)]
+            [most(1.0, 1.0), most(-1.0, -1.0), line.to_border(at, beyond)]
         };
         let crossings = self.crossings(calibration, raster, side, offset_mm);
-        let [[p, no_p], [q, no_q]] = crossings.map(|crossing| crossing.map(of_stripe).unwrap_or_default());
-        StripeLight { beyond: [p.min(q), p.max(q)], missing: no_p + no_q }
+        // A stripe that cannot be followed has no light anywhere.
+        let of_crossing = |crossing: Option<Crossing<'_>>| crossing.map_or([0.0, 0.0, -MOST], of_stripe);
+        let [[p, no_p, border_p], [q, no_q, border_q]] = crossings.map(of_crossing);
+        StripeLight { beyond: [p.min(q), p.max(q)], missing: no_p + no_q, to_border: border_p.max(border_q) }
     }
 
     /// What the light says of each side of a face that was measured along an outline, going round as its corners do.
@@ -214,6 +216,28 @@ impl LitLine {
         }
         let px_per_row = 1f64.hypot(start.slope);
         Some(Self { scan, sums, px_per_row })
+    }
+
+    /// What speaks for light on the plane from a place to the picture's border: all rows together, less what speaks most for its having
+    /// ended somewhere; `beyond` is a pixel farther out.
+    fn to_border(&self, at: Px, beyond: Px) -> f64 {
+        let along = self.scan.along(at);
+        let outwards = (self.scan.along(beyond) - along).signum();
+        let border = self.sums.len() - 1;
+        let from =
+            (along + outwards * NEAREST_PX / self.px_per_row).round().clamp(0.0, border as f64) as usize;
+        let (mut sum, mut most, mut most_lost) = (0.0, 0.0f32, 0.0f32);
+        let mut take = |row: usize| {
+            sum = outwards as f32 * (self.sums[row] - self.sums[from]);
+            most = most.max(sum);
+            most_lost = most_lost.max(most - sum);
+        };
+        if outwards > 0.0 {
+            (from..=border).for_each(&mut take)
+        } else {
+            (0..=from).rev().for_each(&mut take)
+        }
+        (f64::from(sum).min(MOST) - f64::from(most_lost)).clamp(-MOST, MOST)
     }
 
     /// What the rows between two distances outwards of a place say, px along the stripe; `beyond` is a pixel farther out.
@@ -361,6 +385,13 @@ mod tests {
         let neighbour = drawn(|_| Surface { on: Some(raster.plane), paint: 1.0 });
         assert!(at(&neighbour, 0.0).beyond[0] > 10.0, "{:?}", at(&neighbour, 0.0));
         assert_eq!(verdict(&neighbour, 0.0), SideLight::Open);
+        // Nothing tells it from a face that leaves the picture, but its far edge.
+        let ends = drawn(|on_face| {
+            let near = offset(on_face) < OFFSET_MM + 80.0 * PX_MM;
+            Surface { on: near.then_some(raster.plane), paint: 1.0 }
+        });
+        let [to_border, to_its_edge] = [&neighbour, &ends].map(|frame| at(frame, 0.0).to_border);
+        assert!(to_border > 10.0 && to_its_edge < -10.0, "{to_border} {to_its_edge}");
         let dark = drawn(|on_face| {
             let face = offset(on_face) < OFFSET_MM;
             Surface { on: face.then_some(raster.plane), paint: if face { 1.0 } else { 0.01 } }

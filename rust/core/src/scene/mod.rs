@@ -1,5 +1,6 @@
 //! What laser light shows of the face's surroundings: where it lies on the face's plane, and what does not.
 
+pub(crate) mod cut;
 #[cfg(test)]
 pub(crate) mod drawn;
 pub(crate) mod hidden;
