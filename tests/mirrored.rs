@@ -72,8 +72,8 @@ fn renumbered(frame: &Frame, calibration: &Calibration) -> (Frame, Calibration) 
 }
 
 fn sides(frame: &Frame, calibration: &Calibration) -> Result<[Estimate; 2], Reject> {
-    let told = Settings { least_confidence: 0.0, ..shipped() };
-    match measure_face(frame, calibration, &told).unwrap().outcome {
+    let any_confidence = Settings { least_confidence: 0.0, ..shipped() };
+    match measure_face(frame, calibration, &any_confidence).unwrap().outcome {
         FaceOutcome::Measured(face) => Ok([face.length, face.width]),
         FaceOutcome::Rejected(reject) => Err(reject),
     }

@@ -23,12 +23,12 @@ const KEYPOINTS_IN_THE_SUN: Limits = Limits { mm: 6.5, sigmas: 4.2 };
 
 /// The default; the same where every result is told, however unsure; the paper's eight points; no network.
 fn ways() -> [(&'static str, Settings<'static>); 4] {
-    let told = Settings { least_confidence: 0.0, ..shipped() };
+    let any_confidence = Settings { least_confidence: 0.0, ..shipped() };
     [
         ("default", shipped()),
-        ("told", told),
-        ("keypoints", Settings { method: Method::Keypoints, ..told }),
-        ("alone", Settings { network: None, ..told }),
+        ("told", any_confidence),
+        ("keypoints", Settings { method: Method::Keypoints, ..any_confidence }),
+        ("alone", Settings { network: None, ..any_confidence }),
     ]
 }
 

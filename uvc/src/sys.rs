@@ -262,7 +262,7 @@ impl Handle {
     ) -> Result<(), LibusbError> {
         let end = Instant::now() + limit;
         let turn = ExclusiveCall::take(&self.open, limit)?;
-        let (tell, told) = mpsc::channel();
+        let (tell, done) = mpsc::channel();
         let run = move || {
             let result = call(&turn.0.0.handle);
             drop(turn); // before the caller goes on, who may close the device
@@ -271,7 +271,7 @@ impl Handle {
         let Ok(_detached) = std::thread::Builder::new().name("usb call".into()).spawn(run) else {
             return Err(LibusbError(rusb::Error::NoMem));
         };
-        match told.recv_timeout(end.saturating_duration_since(Instant::now())) {
+        match done.recv_timeout(end.saturating_duration_since(Instant::now())) {
             Ok(result) => result.map_err(LibusbError),
             Err(_) => Err(LibusbError::LATE),
         }

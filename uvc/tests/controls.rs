@@ -58,11 +58,11 @@ fn the_store_gives_back_what_was_written() {
     assert_eq!(store::read(&device, |_, _| ()).unwrap_err().kind(), ErrorKind::Store);
     for (count, seed) in [(1, 1), (255, 2), (256, 3), (257, 4), (5000, 5), (16384, 6)] {
         let written = bytes(count, seed);
-        let mut told = Vec::new();
-        let info = store::write(&device, &written, |done, all| told.push((done, all))).unwrap();
+        let mut progress = Vec::new();
+        let info = store::write(&device, &written, |done, all| progress.push((done, all))).unwrap();
         assert_eq!(info.generation, u32::from(seed));
         let pages = count.div_ceil(256);
-        assert_eq!(told, (1..=pages).map(|done| (done, pages)).collect::<Vec<_>>());
+        assert_eq!(progress, (1..=pages).map(|done| (done, pages)).collect::<Vec<_>>());
         assert_eq!(store::read(&device, |_, _| ()).unwrap(), written);
     }
     for wrong in [0, 16385] {

@@ -16,7 +16,7 @@ use nalgebra::{SMatrix, SVector, Vector2};
 
 /// Where a circle's centre was seen.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct CentreSeen {
+pub(super) struct CentreObservation {
     pub board_mm: Vector2<f64>,
     pub at: Px,
     pub sigma_px: f64,
@@ -24,7 +24,7 @@ pub(super) struct CentreSeen {
 
 /// Where a stripe was seen on the board.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct StripeSeen {
+pub(super) struct StripeObservation {
     /// 0 to 3.
     pub laser: usize,
     pub at: Px,
@@ -33,10 +33,10 @@ pub(super) struct StripeSeen {
 
 /// One frame: what was seen and where the board is.
 #[derive(Clone, Debug)]
-pub(super) struct FrameSeen {
+pub(super) struct FrameObservations {
     pub pose: Pose<Cam, OnBoard>,
-    pub centres: Vec<CentreSeen>,
-    pub stripes: Vec<StripeSeen>,
+    pub centres: Vec<CentreObservation>,
+    pub stripes: Vec<StripeObservation>,
 }
 
 /// How much larger the scatter is than the sigmas say, and how many neighbours share their deviation.
@@ -129,7 +129,12 @@ pub(super) fn covariance(inverse: &Information) -> CalibrationCovariance {
 }
 
 /// Residuals in sigmas of all observations of a frame, with their derivatives over sigma.
-fn rows_of(shared: &Shared, frame: &FrameSeen, scatter: &Scatter, mut each: impl FnMut(Row)) -> Option<()> {
+fn rows_of(
+    shared: &Shared,
+    frame: &FrameObservations,
+    scatter: &Scatter,
+    mut each: impl FnMut(Row),
+) -> Option<()> {
     let scaled = |row: Row, sigma: f64| Row {
         px: row.px / sigma,
         by_shared: row.by_shared / sigma,
@@ -153,7 +158,12 @@ struct Arrow {
     cost: f64,
 }
 
-fn normal_equations(shared: &Shared, frames: &[FrameSeen], scatter: &Scatter, loss: Loss) -> Option<Arrow> {
+fn normal_equations(
+    shared: &Shared,
+    frames: &[FrameObservations],
+    scatter: &Scatter,
+    loss: Loss,
+) -> Option<Arrow> {
     let mut arrow = Arrow {
         shared: Information::zeros(),
         right: SVector::zeros(),
@@ -186,7 +196,7 @@ fn normal_equations(shared: &Shared, frames: &[FrameSeen], scatter: &Scatter, lo
     Some(arrow)
 }
 
-fn cost_of(shared: &Shared, frames: &[FrameSeen], scatter: &Scatter, loss: Loss) -> f64 {
+fn cost_of(shared: &Shared, frames: &[FrameObservations], scatter: &Scatter, loss: Loss) -> f64 {
     let mut sum = 0.0;
     for frame in frames {
         let mut left = 2 * frame.centres.len();
@@ -243,7 +253,7 @@ pub(super) fn solve_scaled(
 /// Moves shared unknowns and poses to the least cost. `None` if the observations do not fix them.
 pub(super) fn adjust(
     shared: &mut Shared,
-    frames: &mut [FrameSeen],
+    frames: &mut [FrameObservations],
     scatter: &Scatter,
     fixed: Fixed,
     loss: Loss,
@@ -283,7 +293,7 @@ pub(super) fn adjust(
 }
 
 /// Residuals of all centres (u, v) and stripes of a frame, px. Not finite where a point is behind the camera.
-pub(super) fn residuals(shared: &Shared, frame: &FrameSeen) -> (Vec<Vector2<f64>>, Vec<f64>) {
+pub(super) fn residuals(shared: &Shared, frame: &FrameObservations) -> (Vec<Vector2<f64>>, Vec<f64>) {
     let centres = frame.centres.iter().map(|c| {
         centre_rows(shared, &frame.pose, c.board_mm, c.at)
             .map_or(Vector2::repeat(f64::NAN), |[u, v]| Vector2::new(u.px, v.px))
@@ -296,7 +306,7 @@ pub(super) fn residuals(shared: &Shared, frame: &FrameSeen) -> (Vec<Vector2<f64>
 }
 
 /// How residuals scatter compared with their sigmas, and how far neighbours go together.
-pub(super) fn scatter(shared: &Shared, frames: &[FrameSeen]) -> Scatter {
+pub(super) fn scatter(shared: &Shared, frames: &[FrameObservations]) -> Scatter {
     let (mut centres, mut stripes) = (Vec::new(), Vec::new());
     let (mut stripe_runs, mut centre_runs, mut centre_fields) = (Vec::new(), Vec::new(), Vec::new());
     for frame in frames {
@@ -327,7 +337,7 @@ pub(super) fn scatter(shared: &Shared, frames: &[FrameSeen]) -> Scatter {
 }
 
 /// Root mean square of all centres' residuals an axis, those that are 4.7 sigmas off left out.
-pub(super) fn rms_of_centres(shared: &Shared, frames: &[FrameSeen]) -> Vector2<f64> {
+pub(super) fn rms_of_centres(shared: &Shared, frames: &[FrameObservations]) -> Vector2<f64> {
     let spread = scatter(shared, frames).centres;
     let (mut sum, mut n) = (Vector2::zeros(), 0.0);
     for frame in frames {
@@ -346,7 +356,7 @@ pub(super) fn rms_of_centres(shared: &Shared, frames: &[FrameSeen]) -> Vector2<f
 const MIN_OWN: usize = 24;
 
 /// Gives every frame's circles the sigma with which they scatter: frames differ in blur and light more than rims tell.
-pub(super) fn own_sigmas(shared: &Shared, frames: &mut [FrameSeen]) {
+pub(super) fn own_sigmas(shared: &Shared, frames: &mut [FrameObservations]) {
     for frame in frames {
         let (centres, _) = residuals(shared, frame);
         let sizes =
@@ -412,7 +422,7 @@ fn halves(runs: &[Vec<f64>]) -> impl Iterator<Item = &[f64]> {
 }
 
 /// Circles of a frame in fields of the board, about 3 x 3 circles each, u and v apart.
-fn fields(residuals: &[Vector2<f64>], frame: &FrameSeen) -> Vec<Vec<f64>> {
+fn fields(residuals: &[Vector2<f64>], frame: &FrameObservations) -> Vec<Vec<f64>> {
     let mut by_field = std::collections::BTreeMap::<(i64, i64), [Vec<f64>; 2]>::new();
     let pitch = frame
         .centres

@@ -1,7 +1,7 @@
 //! Which terms the lens needs: the paper's two, and more where they lower the error on frames that were left out of the fit by more than
 //! chance. A term that is not needed costs accuracy: what it takes from noise, boxes get.
 
-use super::adjust::{Fixed, FrameSeen, Loss, Scatter, adjust, residuals, scatter};
+use super::adjust::{Fixed, FrameObservations, Loss, Scatter, adjust, residuals, scatter};
 use super::model::Shared;
 use boxline::statistics::TUKEY;
 
@@ -87,7 +87,11 @@ struct LeftOut {
 }
 
 /// Adds terms as long as they help, and not only on one frame. The frames' circles have been adjusted with the paper's terms.
-pub(super) fn choose(shared: &Shared, frames: &[FrameSeen], fixed: Fixed) -> (LensTerms, Vec<LensTrial>) {
+pub(super) fn choose(
+    shared: &Shared,
+    frames: &[FrameObservations],
+    fixed: Fixed,
+) -> (LensTerms, Vec<LensTrial>) {
     let spread = scatter(shared, frames);
     let of_terms = |terms: LensTerms| left_out(shared, frames, Fixed { lens: terms, ..fixed }, &spread);
     let mut terms = LensTerms::PAPER;
@@ -115,17 +119,22 @@ pub(super) fn choose(shared: &Shared, frames: &[FrameSeen], fixed: Fixed) -> (Le
 }
 
 /// All terms, taken because they fit.
-pub(super) fn by_fit(shared: &Shared, frames: &[FrameSeen], fixed: Fixed) -> Option<LensTrial> {
+pub(super) fn by_fit(shared: &Shared, frames: &[FrameObservations], fixed: Fixed) -> Option<LensTrial> {
     let errors = left_out(shared, frames, fixed, &scatter(shared, frames))?;
     Some(LensTrial { terms: fixed.lens, left_out_rms_px: rms_px(&errors), gain: None, by_fit: true })
 }
 
 /// Each frame's error with the camera that the others give, its own pose fitted; `None` if they give none.
-fn left_out(shared: &Shared, frames: &[FrameSeen], fixed: Fixed, spread: &Scatter) -> Option<Vec<LeftOut>> {
+fn left_out(
+    shared: &Shared,
+    frames: &[FrameObservations],
+    fixed: Fixed,
+    spread: &Scatter,
+) -> Option<Vec<LeftOut>> {
     let mut found = Vec::with_capacity(frames.len());
     for part in 0..PARTS.min(frames.len()) {
-        let frames_where = |left_out: bool| -> Vec<FrameSeen> {
-            let wanted = |(i, _): &(usize, &FrameSeen)| (i % PARTS == part) == left_out;
+        let frames_where = |left_out: bool| -> Vec<FrameObservations> {
+            let wanted = |(i, _): &(usize, &FrameObservations)| (i % PARTS == part) == left_out;
             frames.iter().enumerate().filter(wanted).map(|(_, frame)| frame.clone()).collect()
         };
         let mut camera = shared.clone();
@@ -137,7 +146,7 @@ fn left_out(shared: &Shared, frames: &[FrameSeen], fixed: Fixed, spread: &Scatte
     Some(found)
 }
 
-fn error(shared: &Shared, frame: &FrameSeen, spread: &Scatter) -> LeftOut {
+fn error(shared: &Shared, frame: &FrameObservations, spread: &Scatter) -> LeftOut {
     let (centres, _) = residuals(shared, frame);
     let mut sum = LeftOut { loss: 0.0, square_sum: 0.0, count: 0.0 };
     for (residual, seen) in centres.iter().zip(&frame.centres) {

@@ -126,7 +126,7 @@ impl Wider {
         let least = tried.iter().min_by(|a, b| a.square_px.total_cmp(&b.square_px))?;
         let circles: usize = solved.frames.iter().map(|frame| frame.centres.len()).sum();
         let independent = 2.0 * circles as f64 / least.left.scatter.centre_correlation;
-        let told = |wider: &Self| {
+        let explains = |wider: &Self| {
             // Frames whose own unknowns differ by less than noise does do not differ.
             let seen = wider.size().is_none_or(|size| size > 0.0);
             seen && wider.chi_square >= wider.limit()
@@ -137,7 +137,7 @@ impl Wider {
             let unknowns = wider.unknowns as f64 * independent.ln() + wider.price_of_signs();
             -independent * wider.square_px.ln() - unknowns
         };
-        tried.into_iter().filter(told).max_by(|a, b| worth(a).total_cmp(&worth(b)))
+        tried.into_iter().filter(explains).max_by(|a, b| worth(a).total_cmp(&worth(b)))
     }
 
     /// What one sound set in a thousand exceeds, at most: each choice of signs is a trial (Bonferroni).
@@ -161,16 +161,16 @@ impl Wider {
         let usual = patterns.usual();
         let mut left = self.left.clone();
         for _ in 0..STEPS {
-            values = left.told(&patterns, 0)?.total(&values, &usual)?;
+            values = left.reduced(&patterns, 0)?.total(&values, &usual)?;
             if kind == MisfitKind::BoardBowed {
                 left.place(solved, &mut patterns, &values)?;
             }
             left = solved.without(&left, &patterns, &values)?;
         }
         let asked = patterns.kinds.len() - 1;
-        let told = left.told(&patterns, asked)?;
+        let reduced = left.reduced(&patterns, asked)?;
         let own = values.rows(self.values.len(), patterns.columns(kind)).into_owned();
-        let (chi_square, unknowns, variances) = told.chi_square(&own);
+        let (chi_square, unknowns, variances) = reduced.chi_square(&own);
         Some(Self { patterns, values, square_px: square_px(&left), left, chi_square, variances, unknowns })
     }
 

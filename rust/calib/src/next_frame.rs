@@ -1,6 +1,6 @@
 //! Which frame to take next: of a few dozen views, the one whose circles and stripes would sharpen a long side most.
 
-use super::adjust::{CentreSeen, FrameSeen, StripeSeen};
+use super::adjust::{CentreObservation, FrameObservations, StripeObservation};
 use super::board::OnBoard;
 use super::model::{POSE, SHARED, board_plane, centre_rows, stripe_row};
 use super::solve::CalibrationSolution;
@@ -61,7 +61,12 @@ pub fn next_frame(solution: &CalibrationSolution) -> Option<Advice> {
     best
 }
 
-fn imagined(solution: &CalibrationSolution, distance_mm: f64, tilt_deg: f64, towards_deg: f64) -> FrameSeen {
+fn imagined(
+    solution: &CalibrationSolution,
+    distance_mm: f64,
+    tilt_deg: f64,
+    towards_deg: f64,
+) -> FrameObservations {
     let (s, c) = towards_deg.to_radians().sin_cos();
     let axis = nalgebra::Unit::new_normalize(Vector3::new(-s, c, 0.0));
     let face_us = Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
@@ -76,12 +81,16 @@ fn imagined(solution: &CalibrationSolution, distance_mm: f64, tilt_deg: f64, tow
     let mean = |values: &mut dyn Iterator<Item = f64>| median(values).unwrap_or(0.1);
     let centre_sigma = mean(&mut solution.next.iter().flat_map(|f| f.centres.iter().map(|c| c.sigma_px)));
     let stripe_sigma = mean(&mut solution.next.iter().flat_map(|f| f.stripes.iter().map(|s| s.sigma_px)));
-    let mut frame = FrameSeen { pose, centres: Vec::new(), stripes: Vec::new() };
+    let mut frame = FrameObservations { pose, centres: Vec::new(), stripes: Vec::new() };
     let board = &solution.board;
     let cells = (0..board.columns).flat_map(|c| (0..board.rows).map(move |r| (c as i32, r as i32)));
     for (column, row) in cells {
         let board_mm = board.centre_mm(column, row);
-        frame.centres.extend(project(board_mm).map(|at| CentreSeen { board_mm, at, sigma_px: centre_sigma }));
+        frame.centres.extend(project(board_mm).map(|at| CentreObservation {
+            board_mm,
+            at,
+            sigma_px: centre_sigma,
+        }));
     }
     // Stripes in the ideal image: (q - p) . x = 0, sampled along the image's rows.
     let q = board_plane(&pose);
@@ -97,14 +106,14 @@ fn imagined(solution: &CalibrationSolution, distance_mm: f64, tilt_deg: f64, tow
                 continue;
             }
             let at = solution.camera.px_from_ray(&Ray::new(x, y)).filter(inside);
-            frame.stripes.extend(at.map(|at| StripeSeen { laser, at, sigma_px: stripe_sigma }));
+            frame.stripes.extend(at.map(|at| StripeObservation { laser, at, sigma_px: stripe_sigma }));
         }
     }
     frame
 }
 
 /// What a frame would tell about the shared unknowns, its own pose eliminated.
-fn information_of(solution: &CalibrationSolution, frame: &FrameSeen) -> Option<adjust::Information> {
+fn information_of(solution: &CalibrationSolution, frame: &FrameObservations) -> Option<adjust::Information> {
     let mut shared = adjust::Information::zeros();
     let mut mixed = SMatrix::<f64, SHARED, POSE>::zeros();
     let mut own = SMatrix::<f64, POSE, POSE>::zeros();

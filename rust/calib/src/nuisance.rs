@@ -8,7 +8,7 @@ use super::fields::{Fields, TILTS};
 use super::lens::LensTerms;
 use super::misfit_kind::MisfitKind;
 use super::model::{SHARED, Shared};
-use super::patterns::{Patterns, Solved, Told};
+use super::patterns::{Patterns, ReducedSystem, Solved};
 use boxline::calibration::{CalibrationCovariance, CalibrationStep, PLANES};
 use nalgebra::{DMatrix, DVector, SVector};
 use std::ops::Range;
@@ -155,7 +155,7 @@ struct OverSizes {
 /// What the frames tell about the patterns' unknowns, camera and planes free, and how these follow them.
 struct Beside {
     /// About the difference to the present values.
-    told: Told,
+    reduced: ReducedSystem,
     present: DVector<f64>,
     /// All of Brown's terms are free.
     fixed: Fixed,
@@ -186,8 +186,8 @@ impl Beside {
         let information =
             all.information.view((SHARED, SHARED), (rest, rest)) + across.transpose() * &by_pattern;
         let right = all.right.rows(SHARED, rest) - across.transpose() * step;
-        let told = Told { information, right, units: all.units.rows(SHARED, rest).into_owned() };
-        Some(Self { told, present: values.clone(), fixed, step, inverse, by_pattern })
+        let reduced = ReducedSystem { information, right, units: all.units.rows(SHARED, rest).into_owned() };
+        Some(Self { reduced, present: values.clone(), fixed, step, inverse, by_pattern })
     }
 
     /// Averages over the sizes of all parts, `most` the standard deviations of the largest.
@@ -256,8 +256,8 @@ impl Beside {
             sigmas.rows_mut(part.unknowns.start, part.unknowns.len()).scale_mut(share);
             log_likely += if *size == 0 { 0.0 } else { part.log_any - ((SIZES - 1) as f64).ln() };
         }
-        let factor = self.told.beside(&sigmas).cholesky()?;
-        let right = (&self.told.right + &self.told.information * &self.present).component_mul(&sigmas);
+        let factor = self.reduced.beside(&sigmas).cholesky()?;
+        let right = (&self.reduced.right + &self.reduced.information * &self.present).component_mul(&sigmas);
         let solved = factor.solve(&right);
         let scale = DMatrix::from_diagonal(&sigmas);
         log_likely += 0.5 * right.dot(&solved) - factor.l_dirty().diagonal().map(f64::ln).sum();

@@ -1,7 +1,9 @@
 //! Patterns that the model has not, as unknowns beside camera, planes and poses: how each moves circles and stripes, and what the frames
 //! tell about them.
 
-use super::adjust::{Fixed, FrameSeen, Loss, Scatter, adjust, own_sigmas, residuals, scatter, weight};
+use super::adjust::{
+    Fixed, FrameObservations, Loss, Scatter, adjust, own_sigmas, residuals, scatter, weight,
+};
 use super::board::Board;
 use super::fields::{Fields, SHIFTS, ShiftsAt, TILTS, lens_shifts};
 use super::misfit_kind::MisfitKind;
@@ -99,7 +101,7 @@ impl Patterns {
 #[derive(Clone)]
 pub(super) struct Solved {
     pub shared: Shared,
-    pub frames: Vec<FrameSeen>,
+    pub frames: Vec<FrameObservations>,
     pub scatter: Scatter,
     pub fixed: Fixed,
     pub image_px: [usize; 2],
@@ -135,14 +137,14 @@ impl MisfitKind {
 }
 
 /// What the frames tell about unknowns once all others are free: normal equations.
-pub(super) struct Told {
+pub(super) struct ReducedSystem {
     pub information: DMatrix<f64>,
     pub right: DVector<f64>,
     /// One over the root of the information if all others were known.
     pub units: DVector<f64>,
 }
 
-impl Told {
+impl ReducedSystem {
     /// Values and directions, in `units`, of the combinations that are known.
     fn known(&self) -> impl Iterator<Item = (f64, DVector<f64>)> {
         let scale = DMatrix::from_diagonal(&self.units);
@@ -252,12 +254,12 @@ impl Solved {
     }
 
     /// What is told about the unknowns of these patterns from `asked` on, poses, camera and the patterns before them free.
-    pub fn told(&self, patterns: &Patterns, asked: usize) -> Option<Told> {
+    pub fn reduced(&self, patterns: &Patterns, asked: usize) -> Option<ReducedSystem> {
         Some(self.normal_equations(patterns)?.without_first(SHARED + patterns.before(asked)))
     }
 
     /// What is told about camera, planes and the unknowns of these patterns, poses free.
-    pub fn normal_equations(&self, patterns: &Patterns) -> Option<Told> {
+    pub fn normal_equations(&self, patterns: &Patterns) -> Option<ReducedSystem> {
         let size = SHARED + patterns.all_columns();
         let mut information = DMatrix::<f64>::zeros(size, size);
         let mut alone = DVector::<f64>::zeros(size);
@@ -303,17 +305,17 @@ impl Solved {
             right -= product * own_right;
         }
         let units = alone.map(|v| if v > 0.0 { 1.0 / v.sqrt() } else { 0.0 });
-        Some(Told { information, right, units })
+        Some(ReducedSystem { information, right, units })
     }
 
     /// Which frames show columns and rows of a stretched board exchanged: stretch and skew of each frame's board by itself are plus or
     /// minus one pair. Each frame in turn says which; the others join it, then turn as long as that explains more.
     pub fn signs(&self, patterns: &Patterns) -> Option<Vec<f64>> {
         let others = Patterns { fields: None, ..patterns.clone() };
-        let told = self.told(&others.with(MisfitKind::BoardStretched), patterns.kinds.len())?;
+        let reduced = self.reduced(&others.with(MisfitKind::BoardStretched), patterns.kinds.len())?;
         let n = self.frames.len();
-        let pair = |i: usize| Vector2::new(told.right[2 * i], told.right[2 * i + 1]);
-        let block = |i: usize, j: usize| told.information.fixed_view::<2, 2>(2 * i, 2 * j).into_owned();
+        let pair = |i: usize| Vector2::new(reduced.right[2 * i], reduced.right[2 * i + 1]);
+        let block = |i: usize, j: usize| reduced.information.fixed_view::<2, 2>(2 * i, 2 * j).into_owned();
         let explained = |signs: &[f64]| -> f64 {
             let mut information = Matrix2::zeros();
             for i in 0..n {

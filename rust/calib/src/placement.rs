@@ -1,7 +1,7 @@
 //! Which part of the board a frame shows, and which way round. The grid has no mark, and for camera and planes it does not matter; but a
 //! bowed or stretched board is not the same all over, so each frame is put where its circles fit best.
 
-use super::adjust::FrameSeen;
+use super::adjust::FrameObservations;
 use super::board::Board;
 use super::model::{POSE, centre_rows, point_on_board};
 use super::patterns::{Patterns, Solved};
@@ -55,7 +55,7 @@ impl Solved {
     }
 
     /// Where a frame's grid may be: inside the board, and at its end where the next line of circles would be in view but is not there.
-    fn placements(&self, frame: &FrameSeen) -> Vec<Placement> {
+    fn placements(&self, frame: &FrameObservations) -> Vec<Placement> {
         let board = &self.board;
         let pitch = board.pitch_mm;
         let (low, high) = extent(frame.centres.iter().map(|c| c.board_mm));
@@ -95,7 +95,7 @@ impl Solved {
     }
 
     /// Whether the board ends behind the last circles along x, y, -x, -y.
-    fn ends(&self, frame: &FrameSeen, low: Vector2<f64>, high: Vector2<f64>) -> [bool; 4] {
+    fn ends(&self, frame: &FrameObservations, low: Vector2<f64>, high: Vector2<f64>) -> [bool; 4] {
         let Board { pitch_mm, diameter_mm, .. } = self.board;
         let in_view = |at: Vector2<f64>| {
             let point = point_on_board(&frame.pose, at);

@@ -1,8 +1,8 @@
 //! Does the covariance say how solves scatter? Hundreds of synthetic sets, observed with known noise, solved like real ones.
 
 use super::adjust::{
-    CentreSeen, Fixed, FrameSeen, Loss, Scatter, StripeSeen, adjust, covariance, own_sigmas, scatter,
-    solve_scaled,
+    CentreObservation, Fixed, FrameObservations, Loss, Scatter, StripeObservation, adjust, covariance,
+    own_sigmas, scatter, solve_scaled,
 };
 use super::board::{Board, OnBoard};
 use super::lens::{self, LensTerms};
@@ -47,7 +47,7 @@ fn head() -> Shared {
 }
 
 /// Frames without noise: circles and stripe centres where the head sees them.
-fn frames(head: &Shared, noise: &mut Noise) -> Vec<FrameSeen> {
+fn frames(head: &Shared, noise: &mut Noise) -> Vec<FrameObservations> {
     let face_us = Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
     (0..8)
         .map(|i| {
@@ -57,12 +57,16 @@ fn frames(head: &Shared, noise: &mut Noise) -> Vec<FrameSeen> {
             let pose: Pose<Cam, OnBoard> =
                 Pose::new(turn.into_inner(), Vector3::new(angle(150.0), angle(120.0), depth));
             let inside = |px: &Px| px.u > 0.0 && px.v > 0.0 && px.u < 2591.0 && px.v < 1943.0;
-            let mut frame = FrameSeen { pose, centres: Vec::new(), stripes: Vec::new() };
+            let mut frame = FrameObservations { pose, centres: Vec::new(), stripes: Vec::new() };
             for (column, row) in (0..12).flat_map(|c| (0..11).map(move |r| (c, r))) {
                 let board_mm = BOARD.centre_mm(column, row);
                 let point = pose.transform(&Point::new(board_mm.x, board_mm.y, 0.0));
                 let at = head.camera.px_from_point(&point).filter(inside);
-                frame.centres.extend(at.map(|at| CentreSeen { board_mm, at, sigma_px: CENTRE_SIGMA_PX }));
+                frame.centres.extend(at.map(|at| CentreObservation {
+                    board_mm,
+                    at,
+                    sigma_px: CENTRE_SIGMA_PX,
+                }));
             }
             for laser in 0..4 {
                 let line = board_plane(&pose) - head.planes[laser];
@@ -72,7 +76,11 @@ fn frames(head: &Shared, noise: &mut Noise) -> Vec<FrameSeen> {
                     let at = head.camera.px_from_ray(&ray).filter(inside);
                     let lit = |px: &Px| on_board(&head.camera, &pose, *px).is_some_and(|b| b.amax() < 600.0);
                     let at = at.filter(lit);
-                    frame.stripes.extend(at.map(|at| StripeSeen { laser, at, sigma_px: STRIPE_SIGMA_PX }));
+                    frame.stripes.extend(at.map(|at| StripeObservation {
+                        laser,
+                        at,
+                        sigma_px: STRIPE_SIGMA_PX,
+                    }));
                 }
             }
             frame

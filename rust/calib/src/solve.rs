@@ -1,8 +1,8 @@
 //! From what all frames show to the calibration: camera from the circles, then stripes, then everything together.
 
 use super::adjust::{
-    CentreSeen, Fixed, FrameSeen, Information, Loss, Scatter, StripeSeen, adjust, own_sigmas, residuals,
-    rms_of_centres, scatter, weight,
+    CentreObservation, Fixed, FrameObservations, Information, Loss, Scatter, StripeObservation, adjust,
+    own_sigmas, residuals, rms_of_centres, scatter, weight,
 };
 use super::board::{Board, BoardView, Circle, OnBoard};
 use super::judge;
@@ -52,7 +52,7 @@ pub struct CameraSolution {
     settings: CalibrationSettings,
     shared: Shared,
     views: Vec<BoardView>,
-    frames: Vec<FrameSeen>,
+    frames: Vec<FrameObservations>,
     /// `None` for frames that take part.
     rejects: Vec<Option<FrameReject>>,
     lens: LensTerms,
@@ -82,9 +82,9 @@ pub fn solve_camera(
         let pose = zhang::pose(&camera, pairs).ok_or_else(unsolved)?;
         let centres = pairs
             .iter()
-            .map(|(board_mm, at)| CentreSeen { board_mm: *board_mm, at: *at, sigma_px: 1.0 })
+            .map(|(board_mm, at)| CentreObservation { board_mm: *board_mm, at: *at, sigma_px: 1.0 })
             .collect();
-        frames.push(FrameSeen { pose, centres, stripes: Vec::new() });
+        frames.push(FrameObservations { pose, centres, stripes: Vec::new() });
     }
     judge::check_tilt(frames.iter().map(|f| &f.pose))?;
     let rejects = copies(&views);
@@ -233,11 +233,11 @@ impl CameraSolution {
         Some(())
     }
 
-    fn used_frames(&self) -> Vec<FrameSeen> {
+    fn used_frames(&self) -> Vec<FrameObservations> {
         self.frames.iter().zip(&self.rejects).filter(|(_, r)| r.is_none()).map(|(f, _)| f.clone()).collect()
     }
 
-    fn put_back(&mut self, used: Vec<FrameSeen>) {
+    fn put_back(&mut self, used: Vec<FrameObservations>) {
         let places = self.frames.iter_mut().zip(&self.rejects).filter(|(_, r)| r.is_none());
         for ((frame, _), new) in places.zip(used) {
             *frame = new;
@@ -371,7 +371,7 @@ pub struct CalibrationSolution {
     pub lens_trials: Vec<LensTrial>,
     /// What the model does not fit, the largest first.
     pub misfits: Vec<Misfit>,
-    pub(super) next: Vec<FrameSeen>,
+    pub(super) next: Vec<FrameObservations>,
     pub(super) shared: Shared,
     pub(super) information: Information,
     pub(super) image_px: [usize; 2],
@@ -423,8 +423,11 @@ fn solve_with_its_lens(
     for (i, lasers) in lasers.iter().enumerate() {
         for (stripe, laser) in stripes.get(i).unwrap_or(&none).iter().zip(lasers) {
             let Some(laser) = *laser else { continue };
-            let seen =
-                stripe.points.iter().map(|(at, sigma_px)| StripeSeen { laser, at: *at, sigma_px: *sigma_px });
+            let seen = stripe.points.iter().map(|(at, sigma_px)| StripeObservation {
+                laser,
+                at: *at,
+                sigma_px: *sigma_px,
+            });
             solution.frames[i].stripes.extend(seen);
         }
         solution.frames[i].stripes.sort_by_key(|s| s.laser);
@@ -449,7 +452,7 @@ fn solve_with_its_lens(
 
 fn summarise(
     solution: CameraSolution,
-    used: Vec<FrameSeen>,
+    used: Vec<FrameObservations>,
     views: &[usize],
     spread: Scatter,
     image_px: [usize; 2],

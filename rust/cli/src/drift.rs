@@ -264,21 +264,25 @@ fn directions_line(drift: &Drift, kind: DirectionKind) -> Option<String> {
     if of_kind.is_empty() {
         return None;
     }
-    let told: Vec<&&Direction> = of_kind.iter().filter(|d| d.observable()).collect();
+    let observable: Vec<&&Direction> = of_kind.iter().filter(|d| d.observable()).collect();
     let name = kind.text();
     if kind == DirectionKind::Scale {
-        return Some(match told.first() {
+        return Some(match observable.first() {
             Some(d) => format!("{name}: observable, ± {:.3} %", d.scale_sigma * 100.0),
             None => format!("{name}: not observable ({}); kept as it is", kind.needs()),
         });
     }
     let sigma = |d: &&&Direction| d.turn_sigma_rad() * 1e3;
     let (best, worst) =
-        told.iter().map(sigma).fold((f64::INFINITY, 0.0f64), |(b, w), s| (b.min(s), w.max(s)));
-    let range = if told.is_empty() { String::new() } else { format!(", ± {best:.4} to {worst:.4} mrad") };
-    let more =
-        if told.len() < of_kind.len() { format!("; the rest needs {}", kind.needs()) } else { String::new() };
-    Some(format!("{name}: {} of {} directions observable{range}{more}", told.len(), of_kind.len()))
+        observable.iter().map(sigma).fold((f64::INFINITY, 0.0f64), |(b, w), s| (b.min(s), w.max(s)));
+    let range =
+        if observable.is_empty() { String::new() } else { format!(", ± {best:.4} to {worst:.4} mrad") };
+    let more = if observable.len() < of_kind.len() {
+        format!("; the rest needs {}", kind.needs())
+    } else {
+        String::new()
+    };
+    Some(format!("{name}: {} of {} directions observable{range}{more}", observable.len(), of_kind.len()))
 }
 
 fn same_file(a: &Path, b: &Path) -> bool {

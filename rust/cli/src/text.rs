@@ -102,9 +102,9 @@ fn beside(text: &mut String, face: &FaceMeasurement) {
     }
     if let Some(light) = &face.light {
         let count = |what: SideLight| light.iter().filter(|light| **light == what).count();
-        let told = SideLight::ALL.map(|what| (count(what), what.name()));
-        let told = told.iter().filter(|(n, _)| *n > 0).map(|(n, name)| format!("{n} {name}"));
-        push(text, &format!("sides by the lasers: {}", told.collect::<Vec<_>>().join(", ")));
+        let counts = SideLight::ALL.map(|what| (count(what), what.name()));
+        let counts = counts.iter().filter(|(n, _)| *n > 0).map(|(n, name)| format!("{n} {name}"));
+        push(text, &format!("sides by the lasers: {}", counts.collect::<Vec<_>>().join(", ")));
     }
     warnings(text, &face.warnings);
 }

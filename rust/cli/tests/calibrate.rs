@@ -223,8 +223,8 @@ fn a_board_half_hidden_in_every_frame_is_solved_with_a_warning() {
     assert_eq!(output.status.code(), Some(0), "{object}");
     assert!(fx_error(&object).abs() < 0.5, "{object}");
     for corner in ["top right", "bottom right"] {
-        let told = |w: &Value| w.as_str().unwrap().contains(corner);
-        assert!(object["warnings"].as_array().unwrap().iter().any(told), "{object}");
+        let names_corner = |w: &Value| w.as_str().unwrap().contains(corner);
+        assert!(object["warnings"].as_array().unwrap().iter().any(names_corner), "{object}");
     }
 }
 

@@ -132,8 +132,8 @@ fn a_cut_face_comes_with_a_way_to_move() {
     for (id, moves) in [("r1", &["closer", "aim", "roll"][..]), ("r2", &["farther", "aim"])] {
         let found = json_of(&face(id, true));
         let hint = &found["faces"][0]["hint"];
-        let told = hint["moves"].as_array().unwrap();
-        assert!(told.iter().any(|m| moves.contains(&m["move"].as_str().unwrap())), "{id}: {hint}");
+        let advised = hint["moves"].as_array().unwrap();
+        assert!(advised.iter().any(|m| moves.contains(&m["move"].as_str().unwrap())), "{id}: {hint}");
         assert!(stdout(&face(id, false)).contains("How to move: "));
     }
     assert_eq!(json_of(&face("r3", true))["faces"][0]["hint"], Value::Null);

@@ -284,20 +284,20 @@ mod tests {
     use super::*;
 
     /// Lines of the two pairs with their probabilities; all outlines are tried in one raster.
-    fn tried(lines: [usize; 2], told: [f64; 2], length_mm: f64, width_mm: f64) -> MeasuredOutline {
-        let pair = |i: usize| Pair { lines: [lines[i], 0], probability: told[i] };
+    fn tried(lines: [usize; 2], probabilities: [f64; 2], length_mm: f64, width_mm: f64) -> MeasuredOutline {
+        let pair = |i: usize| Pair { lines: [lines[i], 0], probability: probabilities[i] };
         MeasuredOutline {
-            probability: told[0] * told[1],
+            probability: probabilities[0] * probabilities[1],
             pairs: [pair(0), pair(1)],
             sides_mm: [length_mm, width_mm],
             face: Ok(Box::new(FaceMeasurement::made_up(length_mm, width_mm))),
         }
     }
 
-    fn failed(lines: [usize; 2], told: [f64; 2]) -> MeasuredOutline {
+    fn failed(lines: [usize; 2], probabilities: [f64; 2]) -> MeasuredOutline {
         MeasuredOutline {
             face: Err(Reject::RectangleOpen { sides_found: 3 }),
-            ..tried(lines, told, 400.0, 200.0)
+            ..tried(lines, probabilities, 400.0, 200.0)
         }
     }
 
@@ -312,12 +312,14 @@ mod tests {
         let sure = seen(vec![tried([0, 0], [0.99, 1.0], 168.7, 100.2)]);
         let unsure =
             seen(vec![tried([0, 0], [0.98, 1.0], 150.7, 100.4), tried([1, 0], [0.02, 1.0], 168.5, 100.4)]);
-        let told = likeliest_boxes(
+        let probabilities = likeliest_boxes(
             &[Some(&sure), Some(&unsure)],
             |faces| faces[1].map(|face| face.length.value_mm),
             |a, b| a == b,
         );
-        let of = |length_mm: f64| told.iter().find(|t| t.agreed == length_mm).map_or(0.0, |t| t.probability);
+        let of = |length_mm: f64| {
+            probabilities.iter().find(|t| t.agreed == length_mm).map_or(0.0, |t| t.probability)
+        };
         assert!(of(150.7) < 0.9 && of(168.5) > 0.08, "{} {}", of(150.7), of(168.5));
     }
 
@@ -332,12 +334,12 @@ mod tests {
             ],
             |_| 1.0,
         );
-        let told: Vec<f64> = kept.iter().map(|a| a.probability).collect();
+        let probabilities: Vec<f64> = kept.iter().map(|a| a.probability).collect();
         let of_faces: Vec<_> = kept.iter().filter_map(|a| a.face.as_ref().ok()?.confidence).collect();
-        assert_eq!(told.len(), 3);
+        assert_eq!(probabilities.len(), 3);
         assert_eq!(of_faces.len(), 2, "one failed");
-        for (told, want) in told.iter().zip([0.5, 0.4, 0.1]) {
-            assert!((told - want).abs() < 1e-9, "{told}, {want} is right");
+        for (probabilities, want) in probabilities.iter().zip([0.5, 0.4, 0.1]) {
+            assert!((probabilities - want).abs() < 1e-9, "{probabilities}, {want} is right");
         }
         assert!(kept.iter().flat_map(|a| a.half).all(|half| half < 1e-9), "all is tried");
     }
@@ -346,8 +348,8 @@ mod tests {
     #[test]
     fn what_was_not_tried_with_a_pair_is_known() {
         for turned in [false, true] {
-            let of = |lines: [usize; 2], told: [f64; 2], sides: [f64; 2]| {
-                let mut outline = tried(lines, told, 400.0, sides[1].min(sides[0]));
+            let of = |lines: [usize; 2], probabilities: [f64; 2], sides: [f64; 2]| {
+                let mut outline = tried(lines, probabilities, 400.0, sides[1].min(sides[0]));
                 outline.sides_mm = sides;
                 if turned {
                     outline.pairs.swap(0, 1);
@@ -395,7 +397,9 @@ mod tests {
 
     /// A face whose width lies between one pair of lines or another.
     fn doubtful(first: (f64, f64), second: (f64, f64)) -> FaceHypotheses {
-        let of = |line: usize, (told, width): (f64, f64)| tried([0, line], [1.0, told], 400.0, width);
+        let of = |line: usize, (probabilities, width): (f64, f64)| {
+            tried([0, line], [1.0, probabilities], 400.0, width)
+        };
         seen(vec![of(0, first), of(1, second)])
     }
 

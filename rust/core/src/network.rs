@@ -338,11 +338,11 @@ impl<'a> NetworkOutput<'a> {
 
     /// As [`Network::line_log_odds`]; what fails is kept for [`Self::finish`].
     pub fn line_log_odds(&self, strip: &LineStrip) -> f64 {
-        let told = self.network.line_log_odds(strip).unwrap_or_else(|error| {
+        let log_odds = self.network.line_log_odds(strip).unwrap_or_else(|error| {
             self.failure.get_or_init(|| error);
             strip.log_odds
         });
-        f64::from(told)
+        f64::from(log_odds)
     }
 
     /// What failed meanwhile.

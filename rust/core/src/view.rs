@@ -95,8 +95,8 @@ impl SideOdds {
         if logits.len() != OUTPUTS || logits.iter().any(|v| !v.is_finite()) {
             return None;
         }
-        let side = |told: &[f32]| {
-            let (places, hidden) = (&told[..=BINS], f64::from(told[BINS + 1]));
+        let side = |logits: &[f32]| {
+            let (places, hidden) = (&logits[..=BINS], f64::from(logits[BINS + 1]));
             let most = places.iter().copied().fold(f32::NEG_INFINITY, f32::max);
             let mut places: Vec<f64> = places.iter().map(|v| f64::from(v - most).exp()).collect();
             let total: f64 = places.iter().sum();
@@ -109,15 +109,15 @@ impl SideOdds {
 
     /// Of one view asked in several ways, turned back: the geometric means of probabilities and of odds. `None` without any.
     #[must_use]
-    pub fn of_orientations(told: &[(Orientation, Self)]) -> Option<Self> {
-        if told.is_empty() {
+    pub fn of_orientations(answers: &[(Orientation, Self)]) -> Option<Self> {
+        if answers.is_empty() {
             return None;
         }
-        let share = 1.0 / told.len() as f64;
+        let share = 1.0 / answers.len() as f64;
         // Far from one, so that no way can rule a place out alone.
         let log = |p: f64| share * p.max(1e-9).ln();
         let side = |side: usize| {
-            let all = told.iter().map(|(orientation, odds)| &odds.sides[orientation.side(side)]);
+            let all = answers.iter().map(|(orientation, odds)| &odds.sides[orientation.side(side)]);
             let mean = |of: &dyn Fn(&Side) -> f64| all.clone().map(|s| log(of(s))).sum::<f64>().exp();
             let mut places: Vec<f64> = (0..BINS).map(|bin| mean(&|s| s.places[bin])).collect();
             let total = places.iter().sum::<f64>() + mean(&|s| 1.0 - s.places.iter().sum::<f64>());
@@ -215,12 +215,12 @@ mod tests {
             view.values[high[0] * CELLS + high[1]] = value + 10.0;
         }
         view.values[3 * CELLS * CELLS + 7] = 1.0;
-        let told =
+        let answers =
             Orientation::ALL.map(|orientation| (orientation, told_by_borders(&view.turned(orientation))));
-        let all = SideOdds::of_orientations(&told).expect("four orientations");
+        let all = SideOdds::of_orientations(&answers).expect("four orientations");
         for (side, place) in [10, 20, 30, 40].into_iter().enumerate() {
             assert!(all.sides[side].places[place] > 0.9, "{side}");
-            let (one, together) = (told[0].1.hidden(side), all.hidden(side));
+            let (one, together) = (answers[0].1.hidden(side), all.hidden(side));
             assert!((one - together).abs() < 1e-6, "{one} {together}");
         }
         for orientation in Orientation::ALL {

@@ -105,8 +105,8 @@ fn strips(
 fn record(strip: &LineStrip, off_px: f32, radius_px: f32) -> Vec<u8> {
     let [channels, rows, columns] = STRIP;
     let fact = |channel: usize| strip.values[(channel * rows + rows - 1) * columns];
-    let told = [strip.side as f32, off_px, radius_px, strip.log_odds, fact(0), fact(1), fact(2)];
-    let mut bytes: Vec<u8> = told.into_iter().flat_map(f32::to_le_bytes).collect();
+    let facts = [strip.side as f32, off_px, radius_px, strip.log_odds, fact(0), fact(1), fact(2)];
+    let mut bytes: Vec<u8> = facts.into_iter().flat_map(f32::to_le_bytes).collect();
     for channel in 0..channels {
         let values = &strip.values[channel * rows * columns..][..(rows - 1) * columns];
         bytes.extend(values.iter().map(|v| (v * 255.0).round() as u8));

@@ -27,7 +27,7 @@ type Outcome<T> = Result<T, Box<dyn std::error::Error>>;
 /// A line and what is said of it.
 struct Row {
     strip: LineStrip,
-    told: f32,
+    line_log_odds: f32,
     seen: f64,
     hidden: f64,
     not_in_view: f64,
@@ -52,16 +52,16 @@ impl Network for Recorder<'_> {
     }
 
     fn line_log_odds(&self, strip: &LineStrip) -> Result<f32, Error> {
-        let told = self.network.line_log_odds(strip)?;
+        let line_log_odds = self.network.line_log_odds(strip)?;
         let odds = self.odds.lock().unwrap_or_else(PoisonError::into_inner);
         let seen = odds.as_ref().zip(strip.bin);
         let seen = seen.map(|(odds, bin)| {
             [odds.at(strip.side, bin), odds.hidden(strip.side), odds.not_in_view(strip.side)]
         });
         let [seen, hidden, not_in_view] = seen.unwrap_or([f64::NAN; 3]);
-        let row = Row { strip: strip.clone(), told, seen, hidden, not_in_view };
+        let row = Row { strip: strip.clone(), line_log_odds, seen, hidden, not_in_view };
         self.rows.lock().unwrap_or_else(PoisonError::into_inner).push(row);
-        Ok(told)
+        Ok(line_log_odds)
     }
 }
 
@@ -157,7 +157,7 @@ fn with_network(network: &EdgeNet, view: &View, calibration: &Calibration) -> Ou
     let maps = network.maps(picture)?;
     let mut before = 0;
     // Other planes are tried after the first one: the sides begin again.
-    for Row { strip, told, seen, hidden, not_in_view } in
+    for Row { strip, line_log_odds, seen, hidden, not_in_view } in
         rows.iter().take_while(|row| std::mem::replace(&mut before, row.strip.side) <= row.strip.side)
     {
         let Some(off_px) = truth.off_px(strip.middle, strip.outwards) else { continue };
@@ -166,7 +166,7 @@ fn with_network(network: &EdgeNet, view: &View, calibration: &Calibration) -> Ou
         let [p, q] = strip.light.beyond;
         let strength = strip.values[(boxline::network::STRIP[1] * 2 - 1) * boxline::network::STRIP[2]];
         println!(
-            "{columns},{},{off_px:.2},{:.4},{:.2},{:.4},{strength:.3},{told:.4},{seen:.6},{hidden:.4},{not_in_view:.6},{off_mm:.3},{sigma_mm:.3},{p:.2},{q:.2},{:.2},{:.2},{mask:.4}",
+            "{columns},{},{off_px:.2},{:.4},{:.2},{:.4},{strength:.3},{line_log_odds:.4},{seen:.6},{hidden:.4},{not_in_view:.6},{off_mm:.3},{sigma_mm:.3},{p:.2},{q:.2},{:.2},{:.2},{mask:.4}",
             strip.side,
             truth.mm_per_px,
             truth.radius_mm,

@@ -162,7 +162,7 @@ impl EdgeNet {
         if view.values.len() != VIEW.iter().product::<usize>() {
             return Err(bad_network(OTHER_VIEW));
         }
-        let logits = told(&self.sides, &view.turned(orientation).values, OTHER_VIEW)?;
+        let logits = run(&self.sides, &view.turned(orientation).values, OTHER_VIEW)?;
         let broken = || bad_network("sides gives no probabilities; its weights are broken");
         SideOdds::from_logits(&logits).ok_or_else(broken)
     }
@@ -185,20 +185,20 @@ impl Network for EdgeNet {
         let ask =
             |orientation: &Orientation| self.sides_seen(view, *orientation).map(|odds| (*orientation, odds));
         let orientations = Orientation::ALL.as_slice();
-        let told = if self.at_a_time > 1 {
+        let answers = if self.at_a_time > 1 {
             let orientations =
                 orientations.par_iter().with_min_len(orientations.len().div_ceil(self.at_a_time));
             orientations.map(ask).collect::<Result<Vec<_>, _>>()?
         } else {
             orientations.iter().map(ask).collect::<Result<Vec<_>, _>>()?
         };
-        Ok(SideOdds::of_orientations(&told))
+        Ok(SideOdds::of_orientations(&answers))
     }
 
     fn line_log_odds(&self, strip: &LineStrip) -> Result<f32, Error> {
-        let told = told(&self.lines, &strip.values, "lines wants another strip")?;
-        let told = told.first().copied().filter(|told| told.is_finite());
-        told.ok_or_else(|| bad_network("lines gives no number; its weights are broken"))
+        let output = run(&self.lines, &strip.values, "lines wants another strip")?;
+        let log_odds = output.first().copied().filter(|value| value.is_finite());
+        log_odds.ok_or_else(|| bad_network("lines gives no number; its weights are broken"))
     }
 }
 
@@ -207,7 +207,7 @@ fn bad_network(of: &str) -> Error {
 }
 
 /// What one of the small networks says of an input; `other` is what is wrong with one of another size.
-fn told(engine: &Engine, input: &[f32], other: &str) -> Result<Vec<f32>, Error> {
+fn run(engine: &Engine, input: &[f32], other: &str) -> Result<Vec<f32>, Error> {
     if input.len() != engine.input_len() {
         return Err(bad_network(other));
     }

@@ -64,19 +64,19 @@ fn view() -> FaceView {
 fn gives_what_torch_gave(network: &EdgeNet) {
     let logits: Vec<f32> = stored("sides.check.json").into_iter().map(|v| v as f32).collect();
     let due = SideOdds::from_logits(&logits).unwrap();
-    let told = network.sides_seen(&view(), Orientation::ALL[0]).unwrap();
+    let found = network.sides_seen(&view(), Orientation::ALL[0]).unwrap();
     for side in 0..4 {
-        assert!((told.hidden(side) - due.hidden(side)).abs() < SAME, "side {side}");
+        assert!((found.hidden(side) - due.hidden(side)).abs() < SAME, "side {side}");
         for bin in 0..BINS {
-            let (told, due) = (told.at(side, bin as f64), due.at(side, bin as f64));
-            assert!((told - due).abs() < SAME, "side {side} bin {bin}: {told}, torch gave {due}");
+            let (found, due) = (found.at(side, bin as f64), due.at(side, bin as f64));
+            assert!((found - due).abs() < SAME, "side {side} bin {bin}: {found}, torch gave {due}");
         }
     }
     let stored = stored("lines.check.json");
     assert!(stored.len() > 1);
     for (n, stored) in stored.into_iter().enumerate() {
-        let told = f64::from(network.line_log_odds(&strip(n)).unwrap());
-        assert!((told - stored).abs() < SAME, "strip {n}: {told}, torch gave {stored}");
+        let found = f64::from(network.line_log_odds(&strip(n)).unwrap());
+        assert!((found - stored).abs() < SAME, "strip {n}: {found}, torch gave {stored}");
     }
 }
 

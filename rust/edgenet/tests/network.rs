@@ -232,12 +232,12 @@ fn a_file_of_one_map_is_the_papers_network_and_no_other() {
     let map = ihed.edge_map().unwrap().edge_map(&frame).unwrap();
     assert_eq!(map.size(), [512, 384], "of the size of its input");
     assert_eq!(map, EdgeMapNet::from_path(&one, &options).unwrap().edge_map(&frame).unwrap());
-    for (told, expected) in [
+    for (error, expected) in [
         (EdgeNet::from_path(&one, &options).unwrap_err(), "gives 1 maps, 9 are needed"),
         (EdgeMapNet::from_path(&nine, &options).unwrap_err(), "gives 9 maps, the paper's gives one"),
     ] {
-        assert!(told.kind() == ErrorKind::ModelFile && told.to_string().contains(expected), "{told}");
-        assert!(told.to_string().contains(".onnx"), "{told}");
+        assert!(error.kind() == ErrorKind::ModelFile && error.to_string().contains(expected), "{error}");
+        assert!(error.to_string().contains(".onnx"), "{error}");
     }
 }
 

@@ -129,10 +129,10 @@ impl Head {
         }
         self.device.set_lasers(Lasers::ALL)?;
         let stop = Arc::new(AtomicBool::new(false));
-        let (shared, told) = (self.shared.clone(), stop.clone());
+        let (shared, stopped) = (self.shared.clone(), stop.clone());
         let reader = std::thread::Builder::new()
             .name("boxline head".into())
-            .spawn(move || read(stream, &shared, &told))
+            .spawn(move || read(stream, &shared, &stopped))
             .map_err(|e| Error::new(ErrorKind::Io, format!("starting the head's thread: {e}")))?;
         *running = Some(Running { reader, stop });
         Ok(())

@@ -37,7 +37,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         solve_camera(views.clone(), &board, CalibrationSettings::default()).map_err(|e| e.to_string())?;
     let stripes: Vec<_> = frames.iter().enumerate().map(|(i, frame)| camera.find_stripes(i, frame)).collect();
     let solved = solve_all(camera, &stripes).map_err(|e| e.to_string())?;
-    let told = solved.frames.iter().map(|frame| {
+    let frames = solved.frames.iter().map(|frame| {
         let pairs = || views[frame.view].circles.iter().zip(&frame.centres).filter(|(_, centre)| centre.used);
         let centre = |at: boxline::Px| [at.u, at.v];
         json!({
@@ -56,7 +56,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             "circles_rms_px": solved.centre_rms_px,
             "fx": c.fx, "fy": c.fy, "cx": c.cx, "cy": c.cy,
             "image_size": [views[0].width_px, views[0].height_px],
-            "frames": told.collect::<Vec<_>>(),
+            "frames": frames.collect::<Vec<_>>(),
         })
     );
     Ok(())

@@ -82,13 +82,13 @@ pub fn face_truth(head: &Head, shot: &Shot<'_>, stock: &Stock) -> Value {
     }
     if let Some(hidden) = &scene.hidden {
         let ends: Vec<[usize; 2]> = hidden.stripe_ends.iter().map(|[laser, end]| [laser + 1, *end]).collect();
-        let told = json!({
+        let what = json!({
             "sides": hidden.sides().collect::<Vec<_>>(),
             "corners": hidden.corners,
             "stripe_ends": ends,
             "in_front_mm": round(hidden.in_front_mm, 2),
         });
-        entry.insert("hidden".into(), told);
+        entry.insert("hidden".into(), what);
     }
     entry.insert("key_points_px".into(), Value::Object(points_px));
     entry.insert("key_points_cam_mm".into(), Value::Object(points_mm));

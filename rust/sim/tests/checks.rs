@@ -29,16 +29,16 @@ fn faces(conditions: &Conditions, settings: &Settings) -> Vec<(PointBox, FaceMea
 }
 
 fn share(faces: &[(PointBox, FaceMeasurement)], kind: WarningKind) -> f64 {
-    let told = faces.iter().filter(|(_, face)| face.warnings.iter().any(|w| w.kind == kind));
-    told.count() as f64 / faces.len() as f64
+    let named = faces.iter().filter(|(_, face)| face.warnings.iter().any(|w| w.kind == kind));
+    named.count() as f64 / faces.len() as f64
 }
 
 #[test]
 fn sound_faces_raise_no_warnings() {
     let found = faces(&SOUND, &Settings::default());
     // Each of four checks speaks on a few sound faces in a thousand: twice in twenty is one run in a thousand.
-    let told: Vec<_> = found.iter().flat_map(|(_, face)| &face.warnings).collect();
-    assert!(told.len() <= 1, "{told:?}");
+    let named: Vec<_> = found.iter().flat_map(|(_, face)| &face.warnings).collect();
+    assert!(named.len() <= 1, "{named:?}");
 }
 
 #[test]

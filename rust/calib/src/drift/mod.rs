@@ -248,9 +248,9 @@ fn weigh(
     };
     for ((face, known), state) in faces.iter().zip(known).zip(states) {
         let fitted = FittedFace::new(calibration.camera(), &planes, &face.lines, known, state);
-        let told = fitted.and_then(|fitted| Some((fitted.on_planes()?, fitted)));
-        sums.faces.push(told.as_ref().map(|(_, fitted)| fitted.chi_square));
-        let Some(((information, gradient), fitted)) = told else { continue };
+        let on_planes = fitted.and_then(|fitted| Some((fitted.on_planes()?, fitted)));
+        sums.faces.push(on_planes.as_ref().map(|(_, fitted)| fitted.chi_square));
+        let Some(((information, gradient), fitted)) = on_planes else { continue };
         *state = fitted.state;
         let w = (FACE_CHI_SQUARE_99 * factor / fitted.chi_square.max(1e-12)).sqrt().min(1.0);
         sums.information += to_planes.transpose() * information * to_planes * w;

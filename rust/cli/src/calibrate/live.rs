@@ -152,12 +152,12 @@ impl<'a> LiveCapture<'a> {
 
     /// Writes a picture under the next free number; it appears whole or not at all.
     fn keep(&self, jpeg: &[u8]) -> anyhow::Result<String> {
-        let told = || self.folder.display().to_string();
-        let mut file = tempfile::NamedTempFile::new_in(self.folder).with_context(told)?;
-        file.write_all(jpeg).with_context(told)?;
+        let folder = || self.folder.display().to_string();
+        let mut file = tempfile::NamedTempFile::new_in(self.folder).with_context(folder)?;
+        file.write_all(jpeg).with_context(folder)?;
         let free = (1..).map(|n| format!("live-{n:03}.jpg")).find(|name| !self.folder.join(name).exists());
         let name = free.context("no number is free")?;
-        file.persist_noclobber(self.folder.join(&name)).with_context(told)?;
+        file.persist_noclobber(self.folder.join(&name)).with_context(folder)?;
         Ok(name)
     }
 

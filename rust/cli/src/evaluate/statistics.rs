@@ -150,8 +150,8 @@ mod tests {
         let all =
             stated(&[(0.75, true), (0.77, false), (0.99, true), (1.0, true), (0.98, true), (0.2, false)]);
         let bins = reliability(&all);
-        let told: Vec<_> = bins.iter().map(|b| (b.from, b.to, b.right.count, b.right.of)).collect();
-        assert_eq!(told, [(0.0, 0.3, 0, 1), (0.7, 0.8, 1, 2), (0.98, 1.0, 3, 3)]);
+        let counts: Vec<_> = bins.iter().map(|b| (b.from, b.to, b.right.count, b.right.of)).collect();
+        assert_eq!(counts, [(0.0, 0.3, 0, 1), (0.7, 0.8, 1, 2), (0.98, 1.0, 3, 3)]);
         assert!((bins[1].stated - 0.76).abs() < 1e-12);
         // 1/6 |0.2 - 0| + 2/6 |0.76 - 0.5| + 3/6 |0.99 - 1|
         let error = calibration_error(&bins).unwrap();

@@ -303,11 +303,11 @@ fn stripes(frame: &Frame, stripes: &[TracedStripe; 4]) -> anyhow::Result<Sheet> 
 }
 
 fn outlines(frame: &Frame, lines: &[TracedLine], outlines: &[TracedOutline]) -> anyhow::Result<Sheet> {
-    let told = outlines.first().map_or_else(String::new, |likeliest| {
+    let likeliest_text = outlines.first().map_or_else(String::new, |likeliest| {
         format!(", the white one right with a probability of {:.3}", likeliest.probability)
     });
     let text = format!(
-        "{} lines that may be a side (blue). Likely outlines: {}{told}.",
+        "{} lines that may be a side (blue). Likely outlines: {}{likeliest_text}.",
         lines.len(),
         outlines.len()
     );

@@ -125,7 +125,7 @@ impl Scene {
     }
 
     /// The candidate that is told, 0: as deep as wide, 1: as deep as long.
-    fn told(&self) -> Option<(usize, DepthEstimate)> {
+    fn found_depth(&self) -> Option<(usize, DepthEstimate)> {
         let calibration = paper_head(0.5);
         let second = Scene { azimuth_rad: self.azimuth_rad + 0.4, ..*self };
         let frames = [self.frame(&calibration), second.frame(&calibration)];
@@ -158,8 +158,9 @@ fn the_depth_tells_which_side_is_shared() {
     for behind in [Behind::Nothing, Behind::Floor] {
         for azimuth_rad in [0.6, 2.2, 3.8] {
             for (depth_mm, right) in [(220.0, 0), (300.0, 1)] {
-                let (found, seen) =
-                    Scene { depth_mm, azimuth_rad, behind, ..SCENE }.told().expect("both sides are in view");
+                let (found, seen) = Scene { depth_mm, azimuth_rad, behind, ..SCENE }
+                    .found_depth()
+                    .expect("both sides are in view");
                 assert_eq!(found, right, "{depth_mm} mm deep, seen from {azimuth_rad}: {seen:?}");
                 assert!((seen.depth.value_mm - depth_mm).abs() < 3.0 * seen.depth.sigma_mm, "{seen:?}");
                 assert!(seen.stripes >= 2 && seen.log_odds > 9.0, "{seen:?}");
@@ -170,8 +171,8 @@ fn the_depth_tells_which_side_is_shared() {
 
 #[test]
 fn nothing_is_told_where_nothing_is_seen() {
-    assert_eq!(Scene { tilt_rad: 0.05, ..SCENE }.told(), None, "looks straight at the face");
-    assert_eq!(Scene { width_mm: 292.0, depth_mm: 292.0, ..SCENE }.told(), None, "nearly a cube");
+    assert_eq!(Scene { tilt_rad: 0.05, ..SCENE }.found_depth(), None, "looks straight at the face");
+    assert_eq!(Scene { width_mm: 292.0, depth_mm: 292.0, ..SCENE }.found_depth(), None, "nearly a cube");
 }
 
 #[test]
@@ -179,8 +180,8 @@ fn equal_boxes_in_a_row_are_not_taken_for_one() {
     // Two boxes 300 x 150 x 150 look as deep as one of 300 x 300 x 150; three stripes of the first still end at the seam.
     let row =
         Scene { width_mm: 150.0, depth_mm: 150.0, distance_mm: 600.0, behind: Behind::EqualBox, ..SCENE };
-    assert!(row.told().is_none_or(|(found, _)| found == 0), "{:?}", row.told());
+    assert!(row.found_depth().is_none_or(|(found, _)| found == 0), "{:?}", row.found_depth());
     // The same for a row whose end is not at the other depth.
     let row = Scene { behind: Behind::EqualBox, ..SCENE };
-    assert!(row.told().is_none_or(|(found, _)| found == 0), "{:?}", row.told());
+    assert!(row.found_depth().is_none_or(|(found, _)| found == 0), "{:?}", row.found_depth());
 }

@@ -77,8 +77,8 @@ pub(super) fn strip(
         between(line, if out_px < 0.0 { inside } else { outside }, out_px.abs() / REACH_PX)
     };
     let mut values = vec![0.0; STRIP.iter().product()];
-    let mut put = |row: usize, column: usize, told: [f32; 3]| {
-        for (channel, value) in told.into_iter().enumerate() {
+    let mut put = |row: usize, column: usize, channels: [f32; 3]| {
+        for (channel, value) in channels.into_iter().enumerate() {
             values[(channel * STRIP[1] + row) * COLUMNS + column] = value;
         }
     };
@@ -92,11 +92,11 @@ pub(super) fn strip(
         let middle = at_column(column as f64 + 0.5);
         for (i, out_px) in MAP_ROWS_PX.into_iter().enumerate() {
             let at = at_row(middle, out_px);
-            let told = |channel| maps.at(channel, at);
-            let laser = LaserId::ALL.map(|id| told(Channel::Laser(id))).into_iter().fold(0.0, f32::max);
+            let value = |channel| maps.at(channel, at);
+            let laser = LaserId::ALL.map(|id| value(Channel::Laser(id))).into_iter().fold(0.0, f32::max);
             let row = ROWS_PX.len() + 2 * i;
-            put(row, column, [Channel::FaceEdge, Channel::OtherEdge, Channel::FaceMask].map(told));
-            put(row + 1, column, [told(Channel::Corner), told(Channel::StrayLight), laser]);
+            put(row, column, [Channel::FaceEdge, Channel::OtherEdge, Channel::FaceMask].map(value));
+            put(row + 1, column, [value(Channel::Corner), value(Channel::StrayLight), laser]);
         }
         put(STRIP[1] - 1, column, facts);
     }

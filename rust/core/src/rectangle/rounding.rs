@@ -389,8 +389,8 @@ pub(crate) fn explain(profile: &EdgeProfile, rule: &Rule, view: &SideView) -> Op
     // How far the samples are from the best arc tells their noise better than their spread along the side, which a lamp's falling
     // light alone makes: Student's t.
     let least = least.max(LEAST_SHARE * freedom);
-    let told = |c: f64| (c.max(least) / least).powf(-0.5 * freedom / TOGETHER);
-    (least < STRANGE * freedom).then(|| chi2.map(|c| (told(c) + MISLEADING).ln()))
+    let likelihood = |c: f64| (c.max(least) / least).powf(-0.5 * freedom / TOGETHER);
+    (least < STRANGE * freedom).then(|| chi2.map(|c| (likelihood(c) + MISLEADING).ln()))
 }
 
 /// What the stripes' ends tell of the sharp edge, if they are right: none is certain.
@@ -415,7 +415,7 @@ pub(crate) fn corrections(
     let tables = [0, 1, 2, 3].map(|side| {
         let mut table = tables[side].unwrap_or_else(Table::zeros);
         table.row_iter_mut().for_each(|mut row| row += places);
-        table.map(|told| told.max(IMPOSSIBLE).exp())
+        table.map(|log| log.max(IMPOSSIBLE).exp())
     });
     // How likely each radius makes what a side shows; none is ruled out by one side.
     let by_side = tables.map(|table| {

@@ -91,8 +91,8 @@ pub(crate) fn sharpen(
         if far {
             contradicted[side] = Some(off_mm);
         } else if at_ends[side] {
-            let told = rounding::explain_ends(&ends, &rules[side], &views[side]);
-            tables[side] = Some(tables[side].map_or(told, |table| table + told));
+            let explained = rounding::explain_ends(&ends, &rules[side], &views[side]);
+            tables[side] = Some(tables[side].map_or(explained, |table| table + explained));
         }
     }
     let expected = rounding::corrections(&rules, &views, &tables);

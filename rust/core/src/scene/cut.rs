@@ -58,8 +58,8 @@ fn cut(not_in_view: f64, to_border: f64, mask: f64) -> f64 {
     let [constant, by_network, by_light, by_mask] = CUT;
     let network = (not_in_view.max(0.0) + LEAST_NOT_IN_VIEW).ln();
     let mask = ((mask + LEAST_MASK) / (1.0 - mask + LEAST_MASK)).ln();
-    let told = constant + by_network * network + by_light * to_border + by_mask * mask;
-    1.0 / (1.0 + (-told).exp())
+    let logit = constant + by_network * network + by_light * to_border + by_mask * mask;
+    1.0 / (1.0 + (-logit).exp())
 }
 
 #[cfg(test)]

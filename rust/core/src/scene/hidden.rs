@@ -47,8 +47,9 @@ impl HiddenSides {
             SideLine { frame, calibration, raster, half_width_px, mm_per_px, side, offset_mm }.in_front()
         });
         let probabilities = [0, 1, 2, 3].map(|side| {
-            let told = odds.hidden(side).min(1.0 - 1e-6);
-            let odds = told / (1.0 - told) * if objects[side].is_some() { IN_FRONT_ODDS } else { 1.0 };
+            let probability = odds.hidden(side).min(1.0 - 1e-6);
+            let odds =
+                probability / (1.0 - probability) * if objects[side].is_some() { IN_FRONT_ODDS } else { 1.0 };
             odds / (1.0 + odds)
         });
         Self { probabilities, objects }
@@ -56,8 +57,8 @@ impl HiddenSides {
 
     /// Probability that nothing hides a piece of the face, or that it does no harm.
     pub fn chance_that_free(&self) -> f64 {
-        let told = self.probabilities.into_iter().fold(0.0, f64::max).min(HIDDEN);
-        let odds = told / (1.0 - told) * HIDDEN_ODDS;
+        let probability = self.probabilities.into_iter().fold(0.0, f64::max).min(HIDDEN);
+        let odds = probability / (1.0 - probability) * HIDDEN_ODDS;
         1.0 - HIDDEN_WRONG * odds / (1.0 + odds)
     }
 

@@ -253,8 +253,8 @@ impl<'a> Strip<'a> {
 
 /// What a row says for a stripe; still a little more where it is brighter, so that a path keeps to the middle.
 fn row_says(light: f32) -> f32 {
-    let told = PER_SCATTER * (light - EVEN);
-    if told > 0.0 { told / (1.0 + told / MOST_ROW) } else { told.max(LEAST_ROW) }
+    let log_ratio = PER_SCATTER * (light - EVEN);
+    if log_ratio > 0.0 { log_ratio / (1.0 + log_ratio / MOST_ROW) } else { log_ratio.max(LEAST_ROW) }
 }
 
 #[cfg(test)]

@@ -259,8 +259,8 @@ impl Row {
             return 0.0;
         }
         let expected = EXPECTED * (share * self.ambient).min(UP_TO * (1.0 - self.ambient)).max(0.0);
-        let told = expected * (self.light - 0.5 * expected) / (self.scatter * self.scatter);
-        told.clamp(-MOST_AGAINST, MOST_FOR)
+        let log_ratio = expected * (self.light - 0.5 * expected) / (self.scatter * self.scatter);
+        log_ratio.clamp(-MOST_AGAINST, MOST_FOR)
     }
 }
 
@@ -372,10 +372,10 @@ mod tests {
             assert!(within.missing < 1.0, "{what}: {within:?} at its inner edge");
             let outside = at(&frame, 60.0);
             assert!(outside.missing > 10.0 && outside.beyond[1] < 1.0, "{what}: {outside:?} outside");
-            let told = [-80.0, 0.0, 60.0].map(|out_px| verdict(&frame, out_px));
+            let verdicts = [-80.0, 0.0, 60.0].map(|out_px| verdict(&frame, out_px));
             // Inside a dark band nothing tells.
             let within = if band < 0.1 { SideLight::Dark } else { SideLight::Open };
-            assert_eq!(told, [within, SideLight::Confirmed, SideLight::Contradicted], "{what}");
+            assert_eq!(verdicts, [within, SideLight::Confirmed, SideLight::Contradicted], "{what}");
         }
     }
 
@@ -414,7 +414,7 @@ mod tests {
             let lit = offset(on_face) < OFFSET_MM || SIDES[SIDE].0.along(on_face) < middle;
             Surface { on: lit.then_some(raster.plane), paint: 1.0 }
         });
-        let told = at(&frame, 0.0);
-        assert!(told.beyond[0] < 1.0 && told.beyond[1] > 10.0, "{told:?}");
+        let light = at(&frame, 0.0);
+        assert!(light.beyond[0] < 1.0 && light.beyond[1] > 10.0, "{light:?}");
     }
 }

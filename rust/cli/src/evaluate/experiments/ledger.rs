@@ -215,8 +215,11 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("page.csv");
         drop(Ledger::open(&path, "seed 1").unwrap());
-        let told = Ledger::open(&path, "seed 2").err().unwrap().to_string();
-        assert!(told.contains("page.csv") && told.contains("seed 1") && told.contains("--out"), "{told}");
+        let message = Ledger::open(&path, "seed 2").err().unwrap().to_string();
+        assert!(
+            message.contains("page.csv") && message.contains("seed 1") && message.contains("--out"),
+            "{message}"
+        );
         std::fs::write(&path, "some notes of mine").unwrap();
         assert!(Ledger::open(&path, "seed 1").is_err());
         assert_eq!(std::fs::read_to_string(&path).unwrap(), "some notes of mine");

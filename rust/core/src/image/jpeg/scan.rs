@@ -35,7 +35,7 @@ pub(super) fn read(file: &[u8], header: &Header) -> Result<End, Error> {
         )));
     }
     let unit = of_unit(header)?;
-    let mut walk = Walk {
+    let mut scan = ScanReader {
         unit: &unit,
         file,
         run: next_run(file, header.data_at),
@@ -46,7 +46,7 @@ pub(super) fn read(file: &[u8], header: &Header) -> Result<End, Error> {
     let (mut at, mut done, mut restarts) = (header.data_at, 0, 0u8);
     loop {
         let wanted = if header.restart == 0 { units } else { header.restart.min(units - done) };
-        let mut bits = walk.read(at, wanted)?;
+        let mut bits = scan.read(at, wanted)?;
         done += wanted;
         let (blocks, all) = (done * in_unit, units * in_unit);
         let left = bits.finish();
@@ -57,7 +57,7 @@ pub(super) fn read(file: &[u8], header: &Header) -> Result<End, Error> {
             )));
         }
         if done == units {
-            walk.refuse_seams(header.units[0])?;
+            scan.refuse_seams(header.units[0])?;
         }
         let (end, mark) = bits.mark();
         if done == units {
@@ -82,8 +82,8 @@ fn ends_after(done: usize, all: usize) -> Error {
     invalid(format!("the frame's data ends after {done} of {all} blocks"))
 }
 
-/// A way through a scan.
-struct Walk<'a> {
+/// Reads a scan from one restart marker to the next.
+struct ScanReader<'a> {
     /// The blocks of a unit.
     unit: &'a [Block<'a>],
     file: &'a [u8],
@@ -95,7 +95,7 @@ struct Walk<'a> {
     levels: [Vec<i16>; 3],
 }
 
-impl<'a> Walk<'a> {
+impl<'a> ScanReader<'a> {
     /// Reads units from a place on, up to a marker at most; returns what follows.
     fn read(&mut self, at: usize, wanted: usize) -> Result<Bits<'a>, Error> {
         let mut bits = Bits::new(self.file, at);
