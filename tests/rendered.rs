@@ -2,7 +2,7 @@
 //! (`rust/SEEDS.md`), so what is measured here is no figure.
 #![allow(clippy::unwrap_used)] // the helpers of tests are tests
 
-use boxline::{FaceOutcome, Outcome, Settings, measure_box, measure_face};
+use boxline::{FaceOutcome, Outcome, Reject, Settings, measure_box, measure_face};
 use boxline_proto::json::is_wrong_box;
 use boxline_sim::recording::{Kind, Recipe};
 use boxline_sim::{Hazards, Split, Stock};
@@ -68,5 +68,5 @@ fn a_line_on_a_face_that_goes_on_to_the_border_is_not_its_side() {
     let rendered = Rendered::new(&Recipe::new(140_000_281, Kind::Refuse(1)), &Stock::new(Split::HeldOut));
     let settings = Settings { least_confidence: 0.5, ..shipped() };
     let outcome = measure_face(&rendered.frame("r01"), &rendered.calibration, &settings).unwrap().outcome;
-    assert!(matches!(outcome, FaceOutcome::Rejected(_)), "{outcome:?}");
+    assert!(matches!(outcome, FaceOutcome::Rejected(Reject::FaceCutByBorder { .. })), "{outcome:?}");
 }

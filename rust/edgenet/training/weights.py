@@ -21,9 +21,9 @@ import torch
 RIGHT_PX = 10.0  # a line within so many px of the true side, or inside it by the edge's radius, is the right one
 RIGHT_MM = 5.0  # a side that is measured farther off is wrong
 LEAST_SEEN = 1e-3  # as in line_evidence.rs
-MOST_ODDS = (150.0, 1e4)  # as in rivals.rs
-LEAST_LEFT = 1e-6  # as in rivals.rs
-SAME_PX = 10.0  # lines that are taken together, as in rivals.rs
+MOST_ODDS = (150.0, 1e4)  # as in outlines.rs
+LEAST_LEFT = 1e-6  # as in outlines.rs
+SAME_PX = 10.0  # lines that are taken together, as in outlines.rs
 
 
 COLUMNS = ("off_px", "mm_per_px", "radius_mm", "told", "seen", "known", "hidden", "not_in_view", "measured_off_mm", "beyond_least", "beyond_most", "missing", "to_border", "mask_beyond")
@@ -66,7 +66,7 @@ def fit(sides: dict, used: list[int]) -> torch.Tensor:
 
 
 def sure(sides: dict, w: torch.Tensor) -> torch.Tensor:
-    """SURE of rivals.rs: that a side's likeliest line is right, from its odds by all but the network of sides and by that network, a
+    """SURE of outlines.rs: that a side's likeliest line is right, from its odds by all but the network of sides and by that network, a
     pixel's size, what the stripes' light says, and what all of it together leaves for other lines. It is, too, where the side was measured within RIGHT_MM, or would be."""
     x, y = [], []
     for lines in sides.values():

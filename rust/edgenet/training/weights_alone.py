@@ -5,7 +5,7 @@
     python weights_alone.py --learn learn.csv --choose choose.csv
 
 As `weights.py`: a side's right lines against its other lines, a conditional logit by maximum likelihood; then how sure the likeliest is.
-Prints the weights for `rust/core/src/rectangle/line_evidence.rs` and `rivals.rs`, and what a least probability of all four sides leaves.
+Prints the weights for `rust/core/src/rectangle/line_evidence.rs` and `outlines.rs`, and what a least probability of all four sides leaves.
 """
 
 import argparse

@@ -24,7 +24,7 @@ use crate::rectangle::outlines::{OutlineHypothesis, Pair, outlines};
 use crate::rectangle::snap::snap_to_image;
 use crate::reject::Reject;
 use crate::report::FaceReport;
-use crate::scene::cut;
+use crate::scene::cut::{self, CutSides};
 use crate::scene::hidden::HiddenSides;
 use crate::scene::lit::LitLines;
 use crate::sides::ViewAxes;
@@ -305,24 +305,22 @@ fn measure_outlines(
     task.tracer().outlines(&outlines);
     let best = outlines.first().ok_or(Reject::RectangleOpen { sides_found: 0 })?;
     progress.see(&best.outline.raster, &best.outline.offsets_mm);
-    let (mut seen_whole, mut pairs_whole) = (1.0, [1.0; 2]);
+    let (mut free, mut cut) = (1.0, None);
     if let Some(((_, odds), network)) = seen.as_ref().zip(network) {
         let hidden = HiddenSides::of(frame, calibration, wide, &best.outline, odds);
         progress.lap("outline");
         if let Some(reject) = hidden.refusal(calibration, &best.outline) {
             return Err(reject);
         }
-        let free = hidden.chance_that_free();
-        let seen =
-            cut::Seen { calibration, wide, outline: &best.outline, odds, maps: &network.maps, lit: &lit };
-        let inside = seen.chance_that_whole();
-        pairs_whole = inside.map(|inside| free * inside);
-        seen_whole = free * inside[0] * inside[1];
+        free = hidden.chance_that_free();
+        let (outline, maps) = (&best.outline, &network.maps);
+        cut = Some(CutSides::of(&cut::Seen { calibration, wide, outline, odds, maps, lit: &lit }));
     }
+    let whole = cut.as_ref().map_or([1.0; 2], CutSides::chance_that_whole);
+    let pair = |pair: Pair, whole: f64| Pair { probability: free * whole * pair.probability, ..pair };
     let measured = outlines.iter().map(|OutlineHypothesis { outline, probability, pairs }| MeasuredOutline {
-        probability: seen_whole * probability,
-        pairs: [0, 1]
-            .map(|axis| Pair { probability: pairs_whole[axis] * pairs[axis].probability, ..pairs[axis] }),
+        probability: free * whole[0] * whole[1] * probability,
+        pairs: [0, 1].map(|axis| pair(pairs[axis], whole[axis])),
         sides_mm: [1, 3].map(|high| outline.offsets_mm[high] - outline.offsets_mm[high - 1]),
         face: measure_outline(task, inner, outline, progress).map(|face| {
             let light = lit.of_sides(calibration, outline, &face);
@@ -337,7 +335,10 @@ fn measure_outlines(
         return Err(reject.clone());
     }
     let likeliest = faces.first().and_then(|a| a.face.as_ref().ok()?.confidence).unwrap_or(0.0);
-    let unsure = (likeliest < task.settings.least_confidence).then(|| unclear(task, likeliest, overlap));
+    let unsure = (likeliest < task.settings.least_confidence).then(|| {
+        let cut = cut.as_ref().and_then(CutSides::refusal);
+        cut.unwrap_or_else(|| unclear(task, likeliest, overlap))
+    });
     Ok(FaceHypotheses { faces, unsure, overlap })
 }
 

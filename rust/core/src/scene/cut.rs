@@ -7,6 +7,8 @@ use crate::calibration::Calibration;
 use crate::face::extent::FaceStripes;
 use crate::face::outline::{InitialRectangle, SIDES, outward_sign, span_mm};
 use crate::network::FaceMaps;
+use crate::reject::Reject;
+use crate::units::Px;
 use crate::view::SideOdds;
 
 /// Logarithm of the odds that a side is cut off: a constant, and the weights of the logarithm of the probability that the network of sides
@@ -18,6 +20,9 @@ const CUT: [f64; 4] = [6.04, 1.49, 0.071, 0.80];
 const LEAST_NOT_IN_VIEW: f64 = 1e-5;
 const LEAST_MASK: f64 = 1e-3;
 
+/// A side that is outside the picture more likely than not is said to be.
+const SAID: f64 = 0.5;
+
 /// A face along an outline, and what tells whether it is whole. `wide` are the stripes followed as far as they go.
 pub(crate) struct Seen<'a> {
     pub calibration: &'a Calibration,
@@ -28,14 +33,35 @@ pub(crate) struct Seen<'a> {
     pub lit: &'a LitLines,
 }
 
-impl Seen<'_> {
-    /// Probabilities that both sides across either axis of the outline's raster are in the picture.
-    pub fn chance_that_whole(&self) -> [f64; 2] {
-        [0, 2].map(|low| (1.0 - self.cut(low)) * (1.0 - self.cut(low + 1)))
+/// Which sides of an outline may be outside the picture, in the order of [`SIDES`].
+pub(crate) struct CutSides {
+    probabilities: [f64; 4],
+    /// Where the picture ends beyond each.
+    border: [Option<Px>; 4],
+}
+
+impl CutSides {
+    pub fn of(seen: &Seen<'_>) -> Self {
+        let sides = [0, 1, 2, 3].map(|side| seen.side(side));
+        Self { probabilities: sides.map(|(probability, _)| probability), border: sides.map(|(_, at)| at) }
     }
 
-    /// Probability that a side is outside the picture.
-    fn cut(&self, side: usize) -> f64 {
+    /// Probabilities that both sides across either axis of the outline's raster are in the picture.
+    pub fn chance_that_whole(&self) -> [f64; 2] {
+        [0, 2].map(|low| (1.0 - self.probabilities[low]) * (1.0 - self.probabilities[low + 1]))
+    }
+
+    /// Why a face that is not sure is not, if the picture cuts it.
+    pub fn refusal(&self) -> Option<Reject> {
+        let cut = || (0..4usize).filter(|side| self.probabilities[*side] >= SAID);
+        let likeliest = cut().max_by(|i, j| self.probabilities[*i].total_cmp(&self.probabilities[*j]))?;
+        Some(Reject::FaceCutByBorder { sides_cut: cut().count() as u8, at: self.border[likeliest]? })
+    }
+}
+
+impl Seen<'_> {
+    /// Probability that a side is outside the picture, and where the picture ends beyond its middle.
+    fn side(&self, side: usize) -> (f64, Option<Px>) {
         let Self { calibration, outline, .. } = *self;
         let raster = &outline.raster.on(&self.wide.fit.plane);
         let offset_mm = outline.offsets_mm[side];
@@ -44,13 +70,28 @@ impl Seen<'_> {
             let offset_mm = offset_mm + outward_sign(side) * out_mm;
             raster.pixel(calibration, SIDES[side].0.at(offset_mm, 0.5 * (from_mm + to_mm)))
         };
-        let mask = middle(0.0).zip(middle(outline.mm_per_px)).map_or(0.0, |(at, beyond)| {
+        let line = middle(0.0).zip(middle(outline.mm_per_px)).map(|(at, beyond)| {
             let px = at.distance_px(beyond).max(f64::MIN_POSITIVE);
-            self.maps.face_beyond(at, [(beyond.u - at.u) / px, (beyond.v - at.v) / px])
+            (at, [(beyond.u - at.u) / px, (beyond.v - at.v) / px])
         });
+        let mask = line.map_or(0.0, |(at, outwards)| self.maps.face_beyond(at, outwards));
         let light = self.lit.at(calibration, raster, side, offset_mm);
-        cut(self.odds.not_in_view(side), light.to_border, f64::from(mask))
+        let size = [calibration.width_px(), calibration.height_px()];
+        (
+            cut(self.odds.not_in_view(side), light.to_border, f64::from(mask)),
+            line.map(|(at, outwards)| border(at, outwards, size)),
+        )
     }
+}
+
+/// Where a line leaves the picture; a place outside stays where it is.
+fn border(at: Px, outwards: [f64; 2], size: [u32; 2]) -> Px {
+    let room = |place: f64, by: f64, size: u32| {
+        let edge = if by > 0.0 { f64::from(size) - 1.0 } else { 0.0 };
+        if by == 0.0 { f64::INFINITY } else { ((edge - place) / by).max(0.0) }
+    };
+    let px = room(at.u, outwards[0], size[0]).min(room(at.v, outwards[1], size[1]));
+    Px::new(at.u + px * outwards[0], at.v + px * outwards[1])
 }
 
 /// Probability that a side is outside the picture.
@@ -76,5 +117,16 @@ mod tests {
         // A band of print that looks like a side: the network gives the border 2 %.
         let [dark, lit] = [-20.0, 20.0].map(|to_border| cut(0.02, to_border, 0.1));
         assert!(lit > 0.1 && dark < 0.5 * lit, "{dark} {lit}");
+    }
+
+    #[test]
+    fn a_cut_side_is_named_with_the_place_where_the_picture_ends() {
+        let at = border(Px::new(1000.0, 400.0), [0.6, -0.8], [2592, 1944]);
+        assert_eq!(at, Px::new(1300.0, 0.0));
+        let mut sides =
+            CutSides { probabilities: [0.01, 0.7, 0.0, 0.9], border: [None, None, None, Some(at)] };
+        assert_eq!(sides.refusal(), Some(Reject::FaceCutByBorder { sides_cut: 2, at }));
+        sides.probabilities = [0.01, 0.3, 0.0, 0.2];
+        assert_eq!(sides.refusal(), None, "less likely than not");
     }
 }
