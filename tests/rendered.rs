@@ -60,7 +60,7 @@ fn a_faint_stripe_is_not_a_missing_one() {
     assert!(!is_wrong_box(&found, rendered.truth.box_mm.unwrap()), "{found:?}");
 }
 
-/// The picture's border cuts off a quarter of this face, and a band of print within looks like its side: taken for one, the face is 144 mm
+/// The picture's border cuts off two corners of this face, and a band of print within looks like its side: taken for one, the face is 144 mm
 /// too short, with a confidence of 0.80 where nothing is said of the border
 /// (`boxline render --held-out --kind refuse --frames 1 --seed 140000281`).
 #[test]

@@ -312,14 +312,12 @@ mod tests {
         let sure = seen(vec![tried([0, 0], [0.99, 1.0], 168.7, 100.2)]);
         let unsure =
             seen(vec![tried([0, 0], [0.98, 1.0], 150.7, 100.4), tried([1, 0], [0.02, 1.0], 168.5, 100.4)]);
-        let probabilities = likeliest_boxes(
+        let boxes = likeliest_boxes(
             &[Some(&sure), Some(&unsure)],
             |faces| faces[1].map(|face| face.length.value_mm),
             |a, b| a == b,
         );
-        let of = |length_mm: f64| {
-            probabilities.iter().find(|t| t.agreed == length_mm).map_or(0.0, |t| t.probability)
-        };
+        let of = |length_mm: f64| boxes.iter().find(|b| b.agreed == length_mm).map_or(0.0, |b| b.probability);
         assert!(of(150.7) < 0.9 && of(168.5) > 0.08, "{} {}", of(150.7), of(168.5));
     }
 
@@ -338,8 +336,8 @@ mod tests {
         let of_faces: Vec<_> = kept.iter().filter_map(|a| a.face.as_ref().ok()?.confidence).collect();
         assert_eq!(probabilities.len(), 3);
         assert_eq!(of_faces.len(), 2, "one failed");
-        for (probabilities, want) in probabilities.iter().zip([0.5, 0.4, 0.1]) {
-            assert!((probabilities - want).abs() < 1e-9, "{probabilities}, {want} is right");
+        for (probability, want) in probabilities.iter().zip([0.5, 0.4, 0.1]) {
+            assert!((probability - want).abs() < 1e-9, "{probability}, {want} is right");
         }
         assert!(kept.iter().flat_map(|a| a.half).all(|half| half < 1e-9), "all is tried");
     }
@@ -397,8 +395,8 @@ mod tests {
 
     /// A face whose width lies between one pair of lines or another.
     fn doubtful(first: (f64, f64), second: (f64, f64)) -> FaceHypotheses {
-        let of = |line: usize, (probabilities, width): (f64, f64)| {
-            tried([0, line], [1.0, probabilities], 400.0, width)
+        let of = |line: usize, (probability, width): (f64, f64)| {
+            tried([0, line], [1.0, probability], 400.0, width)
         };
         seen(vec![of(0, first), of(1, second)])
     }

@@ -82,6 +82,12 @@ struct Side {
     hidden: f64,
 }
 
+impl Side {
+    fn not_in_view(&self) -> f64 {
+        1.0 - self.places.iter().sum::<f64>()
+    }
+}
+
 /// Probabilities of all four sides: low and high along the rows, low and high along the columns.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SideOdds {
@@ -120,7 +126,7 @@ impl SideOdds {
             let all = answers.iter().map(|(orientation, odds)| &odds.sides[orientation.side(side)]);
             let mean = |of: &dyn Fn(&Side) -> f64| all.clone().map(|s| log(of(s))).sum::<f64>().exp();
             let mut places: Vec<f64> = (0..BINS).map(|bin| mean(&|s| s.places[bin])).collect();
-            let total = places.iter().sum::<f64>() + mean(&|s| 1.0 - s.places.iter().sum::<f64>());
+            let total = places.iter().sum::<f64>() + mean(&Side::not_in_view);
             places.iter_mut().for_each(|p| *p /= total);
             let (hidden, free) = (mean(&|s| s.hidden), mean(&|s| 1.0 - s.hidden));
             Side { places, hidden: hidden / (hidden + free) }
@@ -160,7 +166,7 @@ impl SideOdds {
     /// Probability that a side is not in the picture.
     #[must_use]
     pub fn not_in_view(&self, side: usize) -> f64 {
-        1.0 - self.sides[side].places.iter().sum::<f64>()
+        self.sides[side].not_in_view()
     }
 
     /// Probability that something in front of the face hides a piece of a side, its corners or a stripe's end there.

@@ -31,18 +31,22 @@ struct Row {
     seen: f64,
     hidden: f64,
     not_in_view: f64,
+    mask_beyond: f32,
 }
 
 /// The network that ships, which keeps what it says.
 struct Recorder<'a> {
     network: &'a EdgeNet,
+    maps: Mutex<Option<FaceMaps>>,
     odds: Mutex<Option<SideOdds>>,
     rows: Mutex<Vec<Row>>,
 }
 
 impl Network for Recorder<'_> {
     fn maps(&self, frame: &Frame) -> Result<FaceMaps, Error> {
-        self.network.maps(frame)
+        let maps = self.network.maps(frame)?;
+        *self.maps.lock().unwrap_or_else(PoisonError::into_inner) = Some(maps.clone());
+        Ok(maps)
     }
 
     fn sides(&self, view: &FaceView) -> Result<Option<SideOdds>, Error> {
@@ -59,7 +63,9 @@ impl Network for Recorder<'_> {
             [odds.at(strip.side, bin), odds.hidden(strip.side), odds.not_in_view(strip.side)]
         });
         let [seen, hidden, not_in_view] = seen.unwrap_or([f64::NAN; 3]);
-        let row = Row { strip: strip.clone(), line_log_odds, seen, hidden, not_in_view };
+        let maps = self.maps.lock().unwrap_or_else(PoisonError::into_inner);
+        let mask_beyond = maps.as_ref().map_or(f32::NAN, |m| m.face_beyond(strip.middle, strip.outwards));
+        let row = Row { strip: strip.clone(), line_log_odds, seen, hidden, not_in_view, mask_beyond };
         self.rows.lock().unwrap_or_else(PoisonError::into_inner).push(row);
         Ok(line_log_odds)
     }
@@ -150,23 +156,22 @@ fn each_view(folder: &Path, print: impl Fn(&View, &Calibration) -> Outcome<()>) 
 /// Prints the lines of a frame.
 fn with_network(network: &EdgeNet, view: &View, calibration: &Calibration) -> Outcome<()> {
     let View { columns, truth, picture } = view;
-    let recorder = Recorder { network, odds: Mutex::new(None), rows: Mutex::new(Vec::new()) };
+    let recorder =
+        Recorder { network, maps: Mutex::new(None), odds: Mutex::new(None), rows: Mutex::new(Vec::new()) };
     let settings = Settings { network: Some(&recorder), least_confidence: 0.0, ..Settings::default() };
     let measured = measure_face(picture, calibration, &settings)?.outcome;
     let rows = recorder.rows.into_inner().unwrap_or_else(PoisonError::into_inner);
-    let maps = network.maps(picture)?;
     let mut before = 0;
     // Other planes are tried after the first one: the sides begin again.
-    for Row { strip, line_log_odds, seen, hidden, not_in_view } in
+    for Row { strip, line_log_odds, seen, hidden, not_in_view, mask_beyond } in
         rows.iter().take_while(|row| std::mem::replace(&mut before, row.strip.side) <= row.strip.side)
     {
         let Some(off_px) = truth.off_px(strip.middle, strip.outwards) else { continue };
         let [off_mm, sigma_mm] = view.measured_mm(&measured, strip.outwards);
-        let mask = maps.face_beyond(strip.middle, strip.outwards);
         let [p, q] = strip.light.beyond;
         let strength = strip.values[(boxline::network::STRIP[1] * 2 - 1) * boxline::network::STRIP[2]];
         println!(
-            "{columns},{},{off_px:.2},{:.4},{:.2},{:.4},{strength:.3},{line_log_odds:.4},{seen:.6},{hidden:.4},{not_in_view:.6},{off_mm:.3},{sigma_mm:.3},{p:.2},{q:.2},{:.2},{:.2},{mask:.4}",
+            "{columns},{},{off_px:.2},{:.4},{:.2},{:.4},{strength:.3},{line_log_odds:.4},{seen:.6},{hidden:.4},{not_in_view:.6},{off_mm:.3},{sigma_mm:.3},{p:.2},{q:.2},{:.2},{:.2},{mask_beyond:.4}",
             strip.side,
             truth.mm_per_px,
             truth.radius_mm,
