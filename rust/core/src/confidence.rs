@@ -6,11 +6,11 @@ use crate::units::Estimate;
 /// A side that is farther off is wrong, mm.
 pub const RIGHT_MM: f64 = 5.0;
 
-/// Errors of sides along the right lines over their sigmas: Student's distribution with 6 degrees of freedom of this width. Edges wave and
-/// sigmas are themselves estimates, hence the tails; lines beside an edge make most sigmas too large, hence the width. Of 1,377 sides
-/// with sigmas up to 3 mm of boxes of the learning and choosing seeds, measured without any limit, 5 are off by more than 5 mm and 5.2
-/// are stated to be.
-const WIDTH: f64 = 0.8;
+/// Errors of sides along the right lines over their sigmas: Student's distribution with 6 degrees of freedom of this width (maximum
+/// likelihood, 672 sides of boxes of the learning and choosing seeds measured without any limit: 2.4 of them are stated to be off by more
+/// than 5 mm, 2 are). Edges wave and sigmas are themselves estimates, hence the tails; lines beside an edge make most sigmas too large,
+/// hence the width.
+const WIDTH: f64 = 0.65;
 
 /// Probability that sides along the right lines are right.
 pub(crate) fn located<'a>(sides: impl IntoIterator<Item = &'a Estimate>) -> f64 {
