@@ -8,9 +8,10 @@
 //! ([`stripe_path`]); where it ends is the depth. A laser's plane nearly holds the line of sight, so it runs straight to the far end.
 //!
 //! Each stripe can show three things: it ends at the nearer depth B, it ends at the farther depth A, or it passes B without a
-//! gap. B is settled by two stripes that end there and none that says otherwise. A is settled if in both frames a stripe
-//! passes B or ends at A, one at least does either, and none ends at B: the frames look along two different sides of the box, and
-//! what lengthens one of them (a pallet, a box beneath) does not lengthen the other.
+//! gap. B is settled if in both frames a stripe ends there and none says otherwise. A is settled if in both frames a stripe
+//! passes B or ends at A, one at least does either, and none ends at B. The frames look along two different sides of the box, and
+//! what lengthens one of them (a pallet, a box beneath) or shortens it (a box that stands on it) does not do so to the other; two
+//! stripes of one frame end at one thing.
 //!
 //! What else could be there, and why it is not taken for it:
 //! - nothing, or texture: the stripe must stand out against the same filter along lines beside it (which has texture's
@@ -44,8 +45,6 @@ const FALSE_ALARM: f64 = 1e-4;
 const LEAST_LOG_ODDS: f64 = 9.2;
 /// ... and that a stripe must tell to count, for or against: more than one place can.
 const LEAST_OF_ONE: f64 = 2.0;
-/// Stripes that must agree: one alone may end at print or tape.
-const LEAST_STRIPES: usize = 2;
 /// What one place counts at most, natural logarithm: print hides a stripe on one place in seven, and on one in fifty something
 /// else looks like one.
 const HIDDEN: f64 = -1.9;
@@ -81,12 +80,13 @@ pub(crate) fn settle(
     let count = |end: End| seen.iter().filter(|s| s.end == end).count();
     let passing = seen.iter().any(|s| s.passes);
     let deeper = of_frames.iter().all(|seen| seen.iter().any(|s| s.passes || s.end == End::Far));
+    let ends_near = of_frames.iter().all(|seen| seen.iter().any(|s| s.end == End::Near));
     let log_odds = seen.iter().map(|s| s.log_odds).sum();
     if log_odds < LEAST_LOG_ODDS {
         return None;
     }
     let deep = match (count(End::Near), count(End::Far)) {
-        (near, 0) if near >= LEAST_STRIPES && !passing => false,
+        (1.., 0) if ends_near && !passing => false,
         (0, 1..) if passing && deeper => true,
         _ => return None,
     };
