@@ -77,17 +77,17 @@ pub(crate) fn settle(
     let of_frame = |i: usize| stripes_beside(calibration, frames[i], faces[i], &depths);
     let of_frames = [of_frame(0), of_frame(1)];
     let seen: Vec<DepthEvidence> = of_frames.iter().flatten().copied().collect();
-    let count = |end: End| seen.iter().filter(|s| s.end == end).count();
-    let passing = seen.iter().any(|s| s.passes);
-    let deeper = of_frames.iter().all(|seen| seen.iter().any(|s| s.passes || s.end == End::Far));
-    let ends_near = of_frames.iter().all(|seen| seen.iter().any(|s| s.end == End::Near));
+    let any = |says: fn(&DepthEvidence) -> bool| seen.iter().any(says);
+    let in_both = |says: fn(&DepthEvidence) -> bool| of_frames.iter().all(|seen| seen.iter().any(says));
+    let (near, far) = (any(|s| s.end == End::Near), any(|s| s.end == End::Far));
+    let passing = any(|s| s.passes);
     let log_odds = seen.iter().map(|s| s.log_odds).sum();
     if log_odds < LEAST_LOG_ODDS {
         return None;
     }
-    let deep = match (count(End::Near), count(End::Far)) {
-        (1.., 0) if ends_near && !passing => false,
-        (0, 1..) if passing && deeper => true,
+    let deep = match (near, far) {
+        (true, false) if !passing && in_both(|s| s.end == End::Near) => false,
+        (false, true) if passing && in_both(|s| s.passes || s.end == End::Far) => true,
         _ => return None,
     };
     let at_end = || seen.iter().filter(|s| s.end != End::Beyond);

@@ -124,10 +124,14 @@ impl Scene {
         }
     }
 
-    /// The candidate that is told, 0: as deep as wide, 1: as deep as long.
+    /// The candidate that is told by this view and one a little farther round, 0: as deep as wide, 1: as deep as long.
     fn found_depth(&self) -> Option<(usize, DepthEstimate)> {
+        self.found_depth_with(&Scene { azimuth_rad: self.azimuth_rad + 0.4, ..*self })
+    }
+
+    /// The same by this view and another.
+    fn found_depth_with(&self, second: &Self) -> Option<(usize, DepthEstimate)> {
         let calibration = paper_head(0.5);
-        let second = Scene { azimuth_rad: self.azimuth_rad + 0.4, ..*self };
         let frames = [self.frame(&calibration), second.frame(&calibration)];
         let faces = [self.face(&calibration), second.face(&calibration)];
         let side = |mm: f64| Estimate::new(mm, 0.5);
@@ -184,4 +188,16 @@ fn equal_boxes_in_a_row_are_not_taken_for_one() {
     // The same for a row whose end is not at the other depth.
     let row = Scene { behind: Behind::EqualBox, ..SCENE };
     assert!(row.found_depth().is_none_or(|(found, _)| found == 0), "{:?}", row.found_depth());
+}
+
+/// Stripes of one frame may all end at one thing that is not the far end of the box, a box that stands on it: the other frame, which sees no
+/// neighbouring face, cannot say so.
+#[test]
+fn one_frame_does_not_tell_the_depth() {
+    for depth_mm in [220.0, 300.0] {
+        let (oblique, straight) = (Scene { depth_mm, ..SCENE }, Scene { depth_mm, tilt_rad: 0.05, ..SCENE });
+        for (first, second) in [(oblique, straight), (straight, oblique)] {
+            assert_eq!(first.found_depth_with(&second), None, "{depth_mm} mm deep");
+        }
+    }
 }
