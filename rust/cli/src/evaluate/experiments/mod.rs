@@ -68,6 +68,7 @@ fn ways(args: &EvaluateArgs) -> anyhow::Result<Vec<Pipeline>> {
 struct Nets {
     boxnet: EdgeNet,
     ihed: Option<EdgeMapNet>,
+    least_confidence: f64,
 }
 
 impl Nets {
@@ -77,7 +78,7 @@ impl Nets {
             None => EdgeNet::embedded(options)?,
         };
         let ihed = args.ihed.as_deref().map(|path| EdgeMapNet::from_path(path, options)).transpose()?;
-        Ok(Self { boxnet, ihed })
+        Ok(Self { boxnet, ihed, least_confidence: args.network.least_confidence })
     }
 
     fn settings(&self, way: &Pipeline) -> Settings<'_> {
@@ -86,6 +87,7 @@ impl Nets {
             edges: way.edges,
             network: Some(&self.boxnet as &dyn Network),
             edge_map: self.ihed.as_ref().filter(|_| way.by_ihed).map(|net| net as &dyn EdgeMapNetwork),
+            least_confidence: self.least_confidence,
             ..Settings::default()
         }
     }
@@ -130,7 +132,11 @@ pub fn evaluate(args: &EvaluateArgs, out: &Path) -> anyhow::Result<Finished> {
     let model = args.network.model.as_deref().map_or_else(|| Ok("shipped".to_owned()), fingerprint)?;
     let photos = bench.stock.photos.all.len();
     let program = this_program()?;
-    let made_with = format!("boxline {program}, seed {}, network {model}, {photos} photographs", args.seed);
+    let limit = args.network.least_confidence;
+    let made_with = format!(
+        "boxline {program}, seed {}, network {model}, limit {limit}, {photos} photographs",
+        args.seed
+    );
     let mut ledger = Ledger::open(&out.with_extension("csv"), &made_with)?;
     let subjects = plan::subjects(&bench.head, &bench.stock, args.seed)?;
     bench.shoot(&subjects, args.shots, &mut ledger)?;
@@ -342,7 +348,8 @@ mod tests {
 
     #[test]
     fn shots_are_made_once_are_the_same_again_and_are_right() {
-        let args = args(&["--shots", "2"]);
+        // That shots are measured rightly is asked, not how sure their sides are.
+        let args = args(&["--shots", "2", "--least-confidence", "0.9"]);
         let options = Options { threads: NonZeroUsize::MIN, ..args.network.options() };
         let threads = rayon::current_num_threads();
         let bench = Bench {
@@ -373,7 +380,13 @@ mod tests {
             assert_eq!((tally.shots, tally.measured(), tally.wrong), (2, 2, 0), "{way}: {tally:?}");
         }
         let page = page::text(&found, &args, "EXPERIMENTS.svg");
-        for expected in ["## Table 3", "straight on", "--shots 2 --seed 1", "EXPERIMENTS.svg", "| 2 of 2 |"] {
+        for expected in [
+            "## Table 3",
+            "straight on",
+            "--shots 2 --seed 1 --least-confidence 0.9",
+            "EXPERIMENTS.svg",
+            "| 2 of 2 |",
+        ] {
             assert!(page.contains(expected), "{expected} is missing in\n{page}");
         }
         assert!(figure::draw(&found).unwrap().contains("<svg"));

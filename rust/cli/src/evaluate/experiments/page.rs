@@ -5,6 +5,7 @@ use super::plan::{BOX_MM, Experiment, FACE_MM, MOST_DEG, PLACES, Table};
 use super::series::{Series, Tally};
 use super::{ExperimentResults, shots_of};
 use crate::args::EvaluateArgs;
+use boxline::measurement::LEAST_CONFIDENCE;
 
 /// A line of a table and what each way made of it.
 type Line = (Experiment, Vec<Tally>);
@@ -62,6 +63,8 @@ fn command(args: &EvaluateArgs) -> String {
     words.extend(args.ihed.iter().map(|f| format!("--ihed {}", f.display())));
     words.extend(args.shots.iter().map(|n| format!("--shots {n}")));
     words.push(format!("--seed {}", args.seed));
+    let limit = args.network.least_confidence;
+    words.extend((limit != LEAST_CONFIDENCE).then(|| format!("--least-confidence {limit}")));
     words.extend(args.photos.iter().map(|f| format!("--photos {}", f.display())));
     words.join(" ")
 }
