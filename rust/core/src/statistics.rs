@@ -26,6 +26,18 @@ pub(crate) fn median_f32(values: &mut [f32]) -> Option<f32> {
     (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f32::total_cmp).1)
 }
 
+/// The value up to which half of the weight lies, of values and their weights; `None` without weight.
+pub(crate) fn weighted_median_f32(values: &mut [(f32, f32)]) -> Option<f32> {
+    values.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+    let half = 0.5 * values.iter().map(|(_, weight)| weight).sum::<f32>();
+    let mut sum = 0.0;
+    let found = values.iter().find(|(_, weight)| {
+        sum += weight;
+        sum > half
+    });
+    found.map(|(value, _)| *value)
+}
+
 /// As [`robust_sigma`], in place; of absolute values.
 pub(crate) fn robust_sigma_f32(absolute: &mut [f32]) -> Option<f32> {
     median_f32(absolute).map(|median| median / MEDIAN_SIGMAS as f32)

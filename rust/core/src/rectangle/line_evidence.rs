@@ -128,8 +128,8 @@ const TOLD_ALONE: [f64; 11] = [5.06, 0.0, -0.83, 0.94, -0.30, 0.49, 0.64, -0.44,
 const TOLD_BY_LINE: f64 = 0.71;
 const SEEN_IN_PLANE: f64 = 1.22;
 const LEAST_SEEN: f64 = 1e-3;
-const LIGHT_ON_ONE: f64 = -0.053;
-const LIGHT_MISSING: f64 = -0.13;
+const LIGHT_ON_ONE: f64 = -0.038;
+const LIGHT_MISSING: f64 = -0.335;
 /// Places that it gives this probability are looked at as well, however weak their edge is, and if no edge of the picture is within so
 /// many px (some of its bins): what is no candidate cannot make another less sure.
 const LIKELY: f64 = 0.03;

@@ -34,9 +34,9 @@ const SAME_PX: f64 = 10.0;
 /// That the likeliest line of a side is right, as a logistic function: a constant, and the weights of the logarithms of the odds that
 /// two judges give it who do not know each other, all evidence but the network of sides and that network, of a pixel's size on the
 /// face, mm, of what the stripes' light says, and of the logarithm of what all of it together leaves for other lines. Each judge is too
-/// sure of itself where it errs, and lines so many px apart are farther apart on a far face; fitted to 6,396 sides of rendered boxes of
+/// sure of itself where it errs, and lines so many px apart are farther apart on a far face; fitted to 6,408 sides of rendered boxes of
 /// the learning and the choosing seeds, right where the measured side is within 5 mm (`training/weights.py`).
-const SURE: [f64; 6] = [0.03, 0.32, 0.62, -1.38, 0.37, -0.33];
+const SURE: [f64; 6] = [0.16, 0.28, 0.60, -1.49, 0.60, -0.33];
 /// The same without a network: one judge (`training/weights_alone.py`, the learning and the choosing seeds).
 const SURE_ALONE: [f64; 6] = [0.33, 0.99, 0.0, -0.92, 0.57, 0.04];
 /// What is left for other lines counts from this on: no model is surer.
@@ -187,9 +187,10 @@ mod tests {
     }
 
     #[test]
-    fn two_judges_who_favour_different_lines_are_not_sure() {
+    fn two_judges_who_favour_different_lines_are_not_sure_enough() {
         let found = choices(vec![line(10.0, 5.0, 0.97), line(50.0, 8.0, 0.01)], 0.7);
-        assert!(found[0].offset_mm == 10.0 && found[0].probability < 0.95, "{found:?}");
+        let least = crate::measurement::Settings::default().least_confidence;
+        assert!(found[0].offset_mm == 10.0 && found[0].probability < least - 0.01, "{found:?}");
     }
 
     #[test]

@@ -16,7 +16,7 @@ use crate::frames::{Cam, Plane, Point};
 use crate::image::Frame;
 use crate::measurement::{FaceMeasurement, SideLight};
 use crate::network::StripeLight;
-use crate::statistics::{median_f32, robust_sigma_f32};
+use crate::statistics::{robust_sigma_f32, weighted_median_f32};
 use crate::stripe::stripe_line::ScanDirection;
 use crate::units::{LaserId, Px};
 
@@ -31,18 +31,16 @@ const EXPECTED: f32 = 0.35;
 const UP_TO: f32 = 0.7;
 /// Least scatter, share of full scale: a step of a byte in the middle of its range.
 const LEAST_SCATTER: f32 = 0.004;
-/// Most that a row says, for and against.
-const MOST_FOR: f32 = 2.0;
-const MOST_AGAINST: f32 = 1.5;
+/// How likely a row is that is neither lit as expected nor unlit, beside the likeliest one: print. No row says more than this leaves, 2.0.
+const UNLIKE: f32 = 0.15;
 
 /// A verdict needs odds of 150 to 1 if rows were independent; a stripe's speckle makes neighbours alike (`stripe/trace`): some 10 to 1.
 const TOLD: f64 = 5.0;
-/// What is looked at on both sides of a line, px along the stripe: blur and rounding are over, and neighbouring lines not yet reached; the
-/// running sum counts from `LEAST_PX` on, since single rows may lie on anything.
+/// What is looked at on both sides of a line, px along the stripe: from where blur and rounding are over to any of these, since single rows
+/// may lie on anything; and for a verdict.
 const NEAREST_PX: f64 = 6.0;
-const LEAST_PX: f64 = 18.0;
-const FARTHEST_PX: f64 = 30.0;
-const STEP_PX: f64 = 6.0;
+const ENDS_PX: [f64; 4] = [12.0, 18.0, 24.0, 30.0];
+const VERDICT_PX: f64 = 18.0;
 /// Most that a stripe says: rows beside each other see the same, and a surface that bends away a little is taken for the face's.
 const MOST: f64 = 20.0;
 
@@ -85,11 +83,8 @@ impl LitLines {
         let of_stripe = |(line, at, beyond): Crossing<'_>| {
             // Running sums outwards or inwards, for light or against it.
             let most = |sign: f64, outwards: f64| {
-                let steps = ((FARTHEST_PX - LEAST_PX) / STEP_PX) as u32;
-                let to = (0..=steps).map(|n| LEAST_PX + STEP_PX * f64::from(n));
-                let sums =
-                    to.map(|to| sign * line.between(at, beyond, [NEAREST_PX, to].map(|px| outwards * px)));
-                sums.fold(0.0, f64::max).min(MOST)
+                let sum = |to: f64| sign * line.between(at, beyond, [NEAREST_PX, to].map(|px| outwards * px));
+                ENDS_PX.map(sum).into_iter().fold(0.0, f64::max).min(MOST)
             };
             [most(1.0, 1.0), most(-1.0, -1.0), line.to_border(at, beyond)]
         };
@@ -129,7 +124,7 @@ impl LitLines {
     ) -> SideLight {
         let of_stripe = |(line, at, beyond): Crossing<'_>| {
             let sum = |from: f64, to: f64| line.between(at, beyond, [from, to]);
-            [sum(-LEAST_PX, -NEAREST_PX), sum(NEAREST_PX, LEAST_PX)]
+            [sum(-VERDICT_PX, -NEAREST_PX), sum(NEAREST_PX, VERDICT_PX)]
         };
         let crossings = self.crossings(calibration, raster, side, offset_mm);
         let stripes = crossings.map(|crossing| crossing.map(of_stripe).unwrap_or_default());
@@ -145,12 +140,13 @@ impl LitLines {
     }
 }
 
-/// What a row of the frame says of the light in it.
+/// What a row of the frame shows of the light in it.
 #[derive(Clone, Copy, Default)]
 struct Row {
-    /// Linear red of the stripe's middle over its surroundings, and of these, share of full scale.
-    light: f32,
-    ambient: f32,
+    /// Linear red of the stripe's middle over its surroundings on either hand, and of what it lies on if that is as there; share of full
+    /// scale.
+    light: [f32; 2],
+    ambient: [f32; 2],
     scatter: f32,
     seen: bool,
 }
@@ -203,10 +199,8 @@ impl LitLine {
                 row += outwards;
             }
         }
-        let of_ambient = |row: &Row| row.light / row.ambient.max(LEAST_SCATTER);
         let inner = (inner.start.max(0.0) as usize).min(rows)..(inner.end.max(0.0) as usize + 1).min(rows);
-        let mut shares: Vec<f32> = found[inner].iter().filter(|row| row.seen).map(of_ambient).collect();
-        let share = median_f32(&mut shares)?;
+        let share = share(&found[inner])?;
         let mut sums = Vec::with_capacity(rows + 1);
         sums.push(0.0);
         let mut sum = 0.0;
@@ -252,15 +246,32 @@ impl LitLine {
     }
 }
 
+/// What the light adds to the red of what it lies on, as a share of that red: the median over rows, of which each counts as it could tell.
+/// Rows on print, whose tone scatters, or on what is as bright as the picture can be hardly do.
+fn share(rows: &[Row]) -> Option<f32> {
+    let of_row = |row: &Row| {
+        let [light, ambient] = [row.light, row.ambient].map(|[left, right]| 0.5 * (left + right));
+        let step = 0.5 * (row.light[0] - row.light[1]);
+        let weight = ambient.min(1.0 - ambient).max(0.0) / row.scatter.hypot(step);
+        (light / ambient.max(LEAST_SCATTER), weight * weight)
+    };
+    let mut all: Vec<(f32, f32)> = rows.iter().filter(|row| row.seen).map(of_row).collect();
+    weighted_median_f32(&mut all)
+}
+
 impl Row {
-    /// `share`: what light adds to the red of a row that is lit.
+    /// How much likelier the row is if the light is on the plane, as a logarithm; `share`: what light adds to the red of a row that is lit.
+    /// What the stripe lies on is anything between its surroundings on either hand, whatever suits each of both best.
     fn says(&self, share: f32) -> f32 {
         if !self.seen {
             return 0.0;
         }
-        let expected = EXPECTED * (share * self.ambient).min(UP_TO * (1.0 - self.ambient)).max(0.0);
-        let log_ratio = expected * (self.light - 0.5 * expected) / (self.scatter * self.scatter);
-        log_ratio.clamp(-MOST_AGAINST, MOST_FOR)
+        let [dark, bright] = [self.ambient[0].min(self.ambient[1]), self.ambient[0].max(self.ambient[1])];
+        let [least, most] = [self.light[0].min(self.light[1]), self.light[0].max(self.light[1])];
+        let expected = EXPECTED * (share * dark).min(UP_TO * (1.0 - bright)).max(0.0);
+        let likelihood = |off: f32| UNLIKE + (-0.5 * (off / self.scatter).powi(2)).exp();
+        let unlit = least.max(0.0) - most.min(0.0);
+        (likelihood((expected - most).max(0.0)) / likelihood(unlit)).ln()
     }
 }
 
@@ -295,9 +306,10 @@ fn look(frame: &Frame, scan: ScanDirection, row: i32, centre: i32, middle: i32, 
         mean(centre - beside - BESIDE_PX, centre - beside),
         mean(centre + beside, centre + beside + BESIDE_PX),
     ];
-    let light = mean(centre - middle, centre + middle) - left.max(right);
+    let on_line = mean(centre - middle, centre + middle);
+    let light = [left, right].map(|beside| on_line - beside);
     let unlit = (centre - middle..=centre + middle).map(|column| red_light(frame, at(column))[1]);
-    let ambient = if frame.has_ambient() { unlit.sum::<f32>() / step as f32 } else { left.max(right) };
+    let ambient = if frame.has_ambient() { [unlit.sum::<f32>() / step as f32; 2] } else { [left, right] };
     // The same at places where the stripe is not.
     let mut others: Vec<f32> = Vec::with_capacity(2 * PLACES as usize);
     let low = (centre - reach).max(0);
@@ -317,9 +329,7 @@ fn look(frame: &Frame, scan: ScanDirection, row: i32, centre: i32, middle: i32, 
     // Of differences of two.
     let scatter =
         robust_sigma_f32(&mut others).map_or(LEAST_SCATTER, |sigma| sigma / std::f32::consts::SQRT_2);
-    // The step between both surroundings is as large as what may lie under the stripe.
-    let step = 0.5 * (left - right).abs();
-    Row { light, ambient, scatter: scatter.hypot(step).max(LEAST_SCATTER), seen: true }
+    Row { light, ambient, scatter: scatter.max(LEAST_SCATTER), seen: true }
 }
 
 #[cfg(test)]
@@ -368,15 +378,50 @@ mod tests {
             let side = at(&frame, 0.0);
             assert!(side.beyond[1] < 1.0 && side.missing < 1.0, "{what}: {side:?} at the side");
             let within = at(&frame, -80.0);
-            assert!(band < 0.1 || within.beyond[0] > 5.0, "{what}: {within:?} at its inner edge");
+            assert!(within.beyond[0] > 5.0, "{what}: {within:?} at its inner edge");
             assert!(within.missing < 1.0, "{what}: {within:?} at its inner edge");
             let outside = at(&frame, 60.0);
             assert!(outside.missing > 10.0 && outside.beyond[1] < 1.0, "{what}: {outside:?} outside");
             let verdicts = [-80.0, 0.0, 60.0].map(|out_px| verdict(&frame, out_px));
-            // Inside a dark band nothing tells.
-            let within = if band < 0.1 { SideLight::Dark } else { SideLight::Open };
-            assert_eq!(verdicts, [within, SideLight::Confirmed, SideLight::Contradicted], "{what}");
+            assert_eq!(verdicts, [SideLight::Open, SideLight::Confirmed, SideLight::Contradicted], "{what}");
         }
+    }
+
+    #[test]
+    fn letters_along_most_of_a_stripe_hide_neither_its_light_nor_where_that_ends() {
+        let (calibration, raster) = face();
+        let behind = Some(Plane::new(Vector3::z() / (DISTANCE_MM + 200.0)));
+        // Their strokes end just beside the stripe, so that its middle lies on ink and one hand on board.
+        let frame = drawn(|on_face| {
+            let off = offset(on_face);
+            let on = if off < OFFSET_MM { Some(raster.plane) } else { behind };
+            let across = SIDES[SIDE].0;
+            let beside_px = |id| {
+                crossing_on(&calibration, &raster, across, off, id)
+                    .map(|at| (across.along(on_face) - at) / PX_MM)
+            };
+            let under =
+                across.stripes().into_iter().filter_map(beside_px).any(|px| (-40.0..6.0).contains(&px));
+            let letter = off < OFFSET_MM - 50.0 * PX_MM && (off / (60.0 * PX_MM)).rem_euclid(1.0) < 0.7;
+            Surface { on, paint: if under && letter { 0.1 } else { 1.0 } }
+        });
+        let (side, outside) = (at(&frame, 0.0), at(&frame, 60.0));
+        assert!(side.missing < 1.0 && side.beyond[1] < 1.0, "{side:?} at the side");
+        assert!(outside.missing > 10.0 && outside.beyond[1] < 1.0, "{outside:?} outside");
+        assert_eq!(verdict(&frame, 0.0), SideLight::Confirmed);
+    }
+
+    #[test]
+    fn where_the_stripes_surroundings_differ_a_row_says_what_suits_both() {
+        let row = |light, ambient| Row { light, ambient, scatter: 0.01, seen: true };
+        // An edge along the stripe: as dark as one hand, as bright as the other, brighter than both, darker than both.
+        let [dark, bright, lit, ink] =
+            [[0.0, -0.4], [0.4, 0.0], [0.5, 0.3], [-0.1, -0.5]].map(|light| row(light, [0.2, 0.6]).says(1.0));
+        assert!(
+            dark < -1.5 && bright.abs() < 0.1 && lit > 1.5 && ink.abs() < 0.1,
+            "{dark} {bright} {lit} {ink}"
+        );
+        assert_eq!(Row { seen: false, ..row([0.5; 2], [0.2; 2]) }.says(1.0), 0.0);
     }
 
     #[test]
