@@ -68,6 +68,14 @@ mod tests {
     }
 
     #[test]
+    fn a_weighted_median_is_that_of_values_that_stand_as_often_as_they_weigh() {
+        let mut values = [(5.0, 1.0), (1.0, 2.0), (9.0, 0.0), (3.0, 4.0)];
+        assert_eq!(weighted_median_f32(&mut values), median_f32(&mut [1.0, 1.0, 3.0, 3.0, 3.0, 3.0, 5.0]));
+        assert_eq!(weighted_median_f32(&mut [(9.0, 0.0), (2.0, 0.1)]), Some(2.0));
+        assert!(weighted_median_f32(&mut []).is_none() && weighted_median_f32(&mut [(1.0, 0.0)]).is_none());
+    }
+
+    #[test]
     fn weights_fall_to_nothing_at_the_constant() {
         assert_eq!(tukey_weight(0.0), 1.0);
         assert!(tukey_weight(2.0) > tukey_weight(-3.0) && tukey_weight(TUKEY) == 0.0);

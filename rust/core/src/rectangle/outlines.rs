@@ -187,10 +187,14 @@ mod tests {
     }
 
     #[test]
-    fn two_judges_who_favour_different_lines_are_not_sure_enough() {
-        let found = choices(vec![line(10.0, 5.0, 0.97), line(50.0, 8.0, 0.01)], 0.7);
+    fn two_judges_who_favour_different_lines_are_not_sure() {
+        let of = |told: [f64; 2]| choices(vec![line(10.0, told[0], 0.97), line(50.0, told[1], 0.01)], 0.7);
+        let (differ, agree) = (of([5.0, 8.0]), of([8.0, 5.0]));
+        assert!(differ[0].offset_mm == 10.0 && agree[0].offset_mm == 10.0, "{differ:?} {agree:?}");
+        // Too unsure to be measured by default, and ten times as unsure as where both favour it.
+        let doubt = |found: &[Choice]| 1.0 - found[0].probability;
         let least = crate::measurement::Settings::default().least_confidence;
-        assert!(found[0].offset_mm == 10.0 && found[0].probability < least - 0.01, "{found:?}");
+        assert!(doubt(&differ) > (2.0 * (1.0 - least)).max(10.0 * doubt(&agree)), "{differ:?} {agree:?}");
     }
 
     #[test]

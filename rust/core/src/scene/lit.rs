@@ -143,8 +143,8 @@ impl LitLines {
 /// What a row of the frame shows of the light in it.
 #[derive(Clone, Copy, Default)]
 struct Row {
-    /// Linear red of the stripe's middle over its surroundings on either hand, and of what it lies on if that is as there; share of full
-    /// scale.
+    /// Linear red of the stripe's middle over its surroundings to the left and to the right, and of what it lies on if that is as there;
+    /// share of full scale.
     light: [f32; 2],
     ambient: [f32; 2],
     scatter: f32,
@@ -200,7 +200,7 @@ impl LitLine {
             }
         }
         let inner = (inner.start.max(0.0) as usize).min(rows)..(inner.end.max(0.0) as usize + 1).min(rows);
-        let share = share(&found[inner])?;
+        let share = light_share(&found[inner])?;
         let mut sums = Vec::with_capacity(rows + 1);
         sums.push(0.0);
         let mut sum = 0.0;
@@ -248,11 +248,11 @@ impl LitLine {
 
 /// What the light adds to the red of what it lies on, as a share of that red: the median over rows, of which each counts as it could tell.
 /// Rows on print, whose tone scatters, or on what is as bright as the picture can be hardly do.
-fn share(rows: &[Row]) -> Option<f32> {
+fn light_share(rows: &[Row]) -> Option<f32> {
     let of_row = |row: &Row| {
         let [light, ambient] = [row.light, row.ambient].map(|[left, right]| 0.5 * (left + right));
         let step = 0.5 * (row.light[0] - row.light[1]);
-        let weight = ambient.min(1.0 - ambient).max(0.0) / row.scatter.hypot(step);
+        let weight = ambient.min(1.0 - ambient).max(LEAST_SCATTER) / row.scatter.hypot(step);
         (light / ambient.max(LEAST_SCATTER), weight * weight)
     };
     let mut all: Vec<(f32, f32)> = rows.iter().filter(|row| row.seen).map(of_row).collect();
@@ -261,7 +261,7 @@ fn share(rows: &[Row]) -> Option<f32> {
 
 impl Row {
     /// How much likelier the row is if the light is on the plane, as a logarithm; `share`: what light adds to the red of a row that is lit.
-    /// What the stripe lies on is anything between its surroundings on either hand, whatever suits each of both best.
+    /// The tone under the stripe is not seen: it is anything between those to its left and right, for lit and for unlit what suits best.
     fn says(&self, share: f32) -> f32 {
         if !self.seen {
             return 0.0;
@@ -307,7 +307,7 @@ fn look(frame: &Frame, scan: ScanDirection, row: i32, centre: i32, middle: i32, 
         mean(centre + beside, centre + beside + BESIDE_PX),
     ];
     let on_line = mean(centre - middle, centre + middle);
-    let light = [left, right].map(|beside| on_line - beside);
+    let light = [left, right].map(|surroundings| on_line - surroundings);
     let unlit = (centre - middle..=centre + middle).map(|column| red_light(frame, at(column))[1]);
     let ambient = if frame.has_ambient() { [unlit.sum::<f32>() / step as f32; 2] } else { [left, right] };
     // The same at places where the stripe is not.
@@ -391,7 +391,7 @@ mod tests {
     fn letters_along_most_of_a_stripe_hide_neither_its_light_nor_where_that_ends() {
         let (calibration, raster) = face();
         let behind = Some(Plane::new(Vector3::z() / (DISTANCE_MM + 200.0)));
-        // Their strokes end just beside the stripe, so that its middle lies on ink and one hand on board.
+        // Their strokes end just beside the stripe: its middle and one side lie on ink, the other side on board.
         let frame = drawn(|on_face| {
             let off = offset(on_face);
             let on = if off < OFFSET_MM { Some(raster.plane) } else { behind };
@@ -414,7 +414,7 @@ mod tests {
     #[test]
     fn where_the_stripes_surroundings_differ_a_row_says_what_suits_both() {
         let row = |light, ambient| Row { light, ambient, scatter: 0.01, seen: true };
-        // An edge along the stripe: as dark as one hand, as bright as the other, brighter than both, darker than both.
+        // An edge along the stripe, whose middle is as dark as one side, as bright as the other, brighter or darker than both.
         let [dark, bright, lit, ink] =
             [[0.0, -0.4], [0.4, 0.0], [0.5, 0.3], [-0.1, -0.5]].map(|light| row(light, [0.2, 0.6]).says(1.0));
         assert!(
