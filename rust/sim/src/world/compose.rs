@@ -228,7 +228,12 @@ fn attempt(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Option<Scen
     let mut own = rng.child();
     let flap = if dressed.hazards.remove(&Hazard::OpenFlap) {
         let near = || found.iter().map(|n| &n.body).chain(&stand.bodies);
-        let fits = |flap: &Body| free(flap) && !near().any(|b| flap.touches(b));
+        // One that leans over a face which is looked at hides a side of it: such faces are among the hidden ones.
+        let hides = |flap: &Body| {
+            let by = |v: &View| Hidden::by(std::slice::from_ref(flap), v, &target.face(v.face, v), head);
+            views.iter().any(|v| by(v).matters())
+        };
+        let fits = |flap: &Body| free(flap) && !hides(flap) && !near().any(|b| flap.touches(b));
         flap::open_flap(&mut own, &target, dressed.flap_axis, &faces, fits)
     } else {
         None
@@ -276,8 +281,7 @@ fn attempt(rng: &mut Rng, head: &Head, plan: Plan, stock: &Stock) -> Option<Scen
 /// Puts something before the face of the only view.
 fn hide(rng: &mut Rng, scene: &mut Scene, head: &Head, stock: &Stock) -> Option<()> {
     let (target, view) = (&scene.bodies[scene.target?], scene.views.first()?);
-    let bulge_mm = f64::from(target.shape.bulge_mm[view.face].max(0.0));
-    let (bodies, hidden) = occluder(rng, view, &target.face(view.face, view), head, bulge_mm, stock)?;
+    let (bodies, hidden) = occluder(rng, target, view, head, stock)?;
     scene.bodies.extend(bodies);
     scene.hidden = Some(hidden);
     Some(())

@@ -41,7 +41,8 @@ pub fn open_flap(
         let long = share * deep.min(wide);
         let half = nalgebra::Vector3::new(wide - inset_mm.min(0.1 * wide), 0.5 * long, 0.5 * thick_mm);
         let edge = up * owner.half[axis] + out * deep;
-        let middle = edge + along * (0.5 * long) - outer * (0.5 * thick_mm);
+        // Board gives way where it folds: the edge stays where the face ends.
+        let middle = edge + along * (0.5 * long) + outer * (0.5 * thick_mm);
         let turned = Matrix3::from_columns(&[along.cross(&outer), along, outer]);
         let flap = Body {
             centre: owner.centre + owner.rotation * middle,
@@ -83,7 +84,7 @@ mod tests {
             let flap = open_flap(&mut Rng::new(seed, 1), &owner, 2, &[3], |_| true).unwrap();
             assert!((flap.rotation.determinant() - 1.0).abs() < 1e-9);
             let end = |way: f64| {
-                let at = flap.centre + flap.rotation * Vector3::new(0.0, way * flap.half.y, flap.half.z);
+                let at = flap.centre + flap.rotation * Vector3::new(0.0, way * flap.half.y, -flap.half.z);
                 owner.rotation.transpose() * (at - owner.centre)
             };
             let (hinge, free) = (end(-1.0), end(1.0));

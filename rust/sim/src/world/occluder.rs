@@ -1,7 +1,8 @@
-//! Things that hide a part of a face: another box, a hand, a trolley's post, a hanging strap, a roll of stretch wrap. They are
-//! drawn before a face that could be measured without them, until one hides what matters: a corner, a stripe's end or a piece of
-//! a side. Such a face must be refused.
+//! Things that hide a part of a face: another box, a hand, a trolley's post, a hanging strap, a roll of stretch wrap, the box's own flap
+//! that leans over it. They are drawn before a face that could be measured without them, until one hides what matters: a corner, a
+//! stripe's end or a piece of a side. Such a face must be refused.
 
+use super::flap::open_flap;
 use super::stand::paint;
 use super::{Body, Role, View};
 use crate::head::Head;
@@ -110,24 +111,30 @@ enum OccluderKind {
 /// Draws a thing before the face of a view, and what it hides; `None` if none was found that hides what matters.
 pub(super) fn occluder(
     rng: &mut Rng,
+    target: &Body,
     view: &View,
-    pose: &FacePose,
     head: &Head,
-    bulge_mm: f64,
     stock: &Stock,
 ) -> Option<(Vec<Body>, Hidden)> {
+    let pose = &target.face(view.face, view);
+    let bulge_mm = f64::from(target.shape.bulge_mm[view.face].max(0.0));
     let thing = rng.pick([
-        OccluderKind::Carton,
-        OccluderKind::Hand,
-        OccluderKind::Post,
-        OccluderKind::Strap,
-        OccluderKind::Roll,
+        Some(OccluderKind::Carton),
+        Some(OccluderKind::Hand),
+        Some(OccluderKind::Post),
+        Some(OccluderKind::Strap),
+        Some(OccluderKind::Roll),
+        None, // a flap of the box itself
     ]);
     (0..TRIES).find_map(|_| {
-        let aim = aim(rng, pose, head);
-        let touching = rng.chance(0.25);
-        let gap = if touching { rng.range(0.0, 2.0) } else { FARTHEST_MM * rng.unit().powf(1.3) };
-        let bodies = before(rng, thing, view, pose, aim, gap + bulge_mm, stock)?;
+        let bodies = if let Some(thing) = thing {
+            let aim = aim(rng, pose, head);
+            let touching = rng.chance(0.25);
+            let gap = if touching { rng.range(0.0, 2.0) } else { FARTHEST_MM * rng.unit().powf(1.3) };
+            before(rng, thing, view, pose, aim, gap + bulge_mm, stock)?
+        } else {
+            vec![open_flap(rng, target, view.face / 2, &[view.face], |_| true)?]
+        };
         let eyes = head.beams.iter().map(|b| view.world(b.source_mm)).chain([view.camera_mm]);
         if eyes.into_iter().any(|eye| bodies.iter().any(|b| b.distance_mm(eye) < CLEAR_MM)) {
             return None;
