@@ -4,7 +4,6 @@
     boxline render --stream --views --held-out --seed 1099511627776 --count 800 --photos photos > held-out.bin
     python sides.py --run runs/sides --views views.bin --validation held-out.bin --visits 150000      goes on where it stopped
     python sides.py --run runs/sides --views views.bin --validation held-out.bin --begin ../models/sides.onnx     begins from that file
-    python sides.py --run runs/sides --views views.bin --validation held-out.bin --begin ../models/sides.onnx --hidden-only    places stay as they are
     python sides.py --run runs/sides --validation held-out.bin --export ../models/sides.onnx          the file, its card and check
     python sides.py --score ../models/sides.onnx --validation held-out.bin      a file's scores, asked in one way and as the program does
 
@@ -138,20 +137,6 @@ def begin_from(network: SidesNet, path: Path, pictures: torch.Tensor) -> None:
     network(pictures)
     for hook in hooks:
         hook.remove()
-
-
-def only_hidden(network: SidesNet) -> list[nn.Parameter]:
-    """Leaves free what tells hidden sides alone, so that places stay as they are; what is free."""
-    network.requires_grad_(False)
-    free = []
-    for layer, first in [(network.whole, 4), *((along[4], STEP) for along in network.along)]:
-        for parameter in (layer.weight, layer.bias):
-            kept = torch.zeros_like(parameter)
-            kept[first:] = 1
-            parameter.requires_grad_(True)
-            parameter.register_hook(lambda gradient, kept=kept: gradient * kept)
-            free.append(parameter)
-    return free
 
 
 class Views:
@@ -329,9 +314,7 @@ def train(options: argparse.Namespace, stop) -> None:
     averaged.load_state_dict(network.state_dict())
     for model in (network, averaged):
         model.to(memory_format=torch.channels_last)
-    free = only_hidden(network) if options.hidden_only else list(network.parameters())
-    # Decay would move places too.
-    optimiser = torch.optim.AdamW(free, lr=options.lr, weight_decay=0 if options.hidden_only else options.decay)
+    optimiser = torch.optim.AdamW(network.parameters(), lr=options.lr, weight_decay=options.decay)
     state = checkpoint.load_newest(options.run)
     step = 0
     if state:
@@ -359,7 +342,7 @@ def train(options: argparse.Namespace, stop) -> None:
         if step % 50 == 0:
             views.update()
         pictures, bins, hidden = batch_of(views, rng.integers(len(views), size=options.batch), rng)
-        network.train(not options.hidden_only)
+        network.train()
         with torch.autocast("cpu", torch.bfloat16, enabled=fast):
             told = network(pictures.contiguous(memory_format=torch.channels_last)).float()
         loss = loss_of(told, bins, hidden)
@@ -367,7 +350,7 @@ def train(options: argparse.Namespace, stop) -> None:
             group["lr"] = learning_rate(options.lr, step, step / steps, WARM_UP_STEPS)
         optimiser.zero_grad()
         loss.backward()
-        nn.utils.clip_grad_norm_(free, 2.0)
+        nn.utils.clip_grad_norm_(network.parameters(), 2.0)
         optimiser.step()
         step += 1
         follow(averaged, network, step)
@@ -468,7 +451,6 @@ def main() -> None:
     parser.add_argument("--export", type=Path, help="write this ONNX file instead of training")
     parser.add_argument("--score", type=Path, help="print the scores of this ONNX file instead of training")
     parser.add_argument("--begin", type=Path, help="begin from the weights of this ONNX file, if there is no checkpoint")
-    parser.add_argument("--hidden-only", action="store_true", help="train only what tells hidden sides")
     parser.add_argument("--visits", type=int, default=150_000)
     parser.add_argument("--batch", type=int, default=16)
     parser.add_argument("--lr", type=float, default=2e-3)

@@ -94,24 +94,6 @@ def test_a_network_begun_from_a_file_says_what_the_file_does():
     assert np.abs(begun - due).max() < 1e-2
 
 
-def test_what_tells_hidden_sides_learns_alone():
-    torch.manual_seed(2)
-    network = sides.SidesNet(stem=8, widths=(8, 16, 16, 16), decoder=8, along=16).eval()
-    pictures = torch.rand(4, sides.CHANNELS, sides.CELLS, sides.CELLS)
-    bins, hidden = torch.full((4, 4), 30.0), torch.tensor([[1.0, 0, 0, 0]] * 4)
-    before = network(pictures).detach()
-    free = sides.only_hidden(network)
-    optimiser = torch.optim.AdamW(free, lr=1e-2, weight_decay=0)
-    for _ in range(20):
-        optimiser.zero_grad()
-        sides.loss_of(network(pictures), bins, hidden).backward()
-        optimiser.step()
-    after = network(pictures).detach()
-    assert torch.equal(after[..., : sides.BINS + 1], before[..., : sides.BINS + 1])
-    told = after[:, :, 0, sides.BINS + 1]
-    assert (told[:, 0] > before[:, 0, 0, -1]).all() and (told[:, 1:] < before[:, 1:, 0, -1]).all()
-
-
 def test_what_is_told_of_a_turned_view_is_turned_back(tmp_path):
     pytest.importorskip("onnxruntime")
     path = tmp_path / "views.bin"
