@@ -342,7 +342,7 @@ fn roll(rng: &mut Rng, at: Vector3<f64>, away: Vector3<f64>, out: Vector3<f64>) 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::hazard::Hazards;
+    use crate::hazard::{Hazard, Hazards};
     use crate::pose::{Refuse, px_of};
     use crate::render::{Options, Stage};
     use crate::truth::face_of;
@@ -352,7 +352,7 @@ mod tests {
     #[test]
     fn every_occluder_hides_what_its_truth_says_and_nothing_else_of_it() {
         let stock = Stock { hazards: Hazards::none(), ..Stock::default() };
-        let (mut corners, mut wrong, mut ends, mut sides, mut touching) = (0, 0, 0, 0, 0);
+        let (mut corners, mut wrong, mut ends, mut sides, mut touching, mut flaps) = (0, 0, 0, 0, 0, 0);
         for seed in 0..60 {
             let head = Head::random(&mut Rng::new(seed, 1)).unwrap();
             let plan = Plan::Refused(Refuse::Hidden);
@@ -379,14 +379,33 @@ mod tests {
             ends += hidden.stripe_ends.len();
             sides += hidden.sides().count();
             touching += usize::from(hidden.in_front_mm < 3.0);
+            flaps += scene.bodies.iter().filter(|b| b.role == Role::Flap).count();
             let whole = hidden.corners.is_empty() && hidden.stripe_ends.is_empty();
             assert!(!whole || hidden.of_side.iter().any(|s| *s >= MUCH_OF_A_SIDE));
         }
         // A thing's rim may pass between a corner and the point beside it.
         assert!(wrong <= 6, "{wrong} of 240");
         assert!(
-            corners >= 15 && ends >= 30 && sides >= 60 && touching >= 4,
-            "{corners} {ends} {sides} {touching}"
+            corners >= 15 && ends >= 30 && sides >= 60 && touching >= 4 && flaps >= 4,
+            "{corners} {ends} {sides} {touching} {flaps}"
         );
+    }
+
+    #[test]
+    fn an_open_flap_hides_nothing_of_a_face_that_is_to_be_measured() {
+        let stock = Stock { hazards: Hazards::only(&[Hazard::OpenFlap]), ..Stock::default() };
+        let mut flaps = 0;
+        for seed in 0..300 {
+            let head = Head::random(&mut Rng::new(seed, 1)).unwrap();
+            let scene = compose(&mut Rng::new(seed, 2), &head, Plan::Box, &stock);
+            let Some(flap) = scene.bodies.iter().find(|b| b.role == Role::Flap) else { continue };
+            flaps += 1;
+            for view in &scene.views {
+                let pose = face_of(&scene, view).unwrap();
+                let hidden = Hidden::by(std::slice::from_ref(flap), view, &pose, &head);
+                assert!(!hidden.matters(), "seed {seed}: {hidden:?}");
+            }
+        }
+        assert!(flaps >= 3, "{flaps}");
     }
 }
