@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// The modules of `rust/core/src`, lowest first. A new module gets its line here.
-const MODULES: [&str; 32] = [
+const MODULES: [&str; 33] = [
     "noise",
     "eigen",
     "statistics",
@@ -33,6 +33,7 @@ const MODULES: [&str; 32] = [
     "edges",
     "scene",
     "rectangle",
+    "paper",
     "diagnostics",
     "box_depth",
     "cuboid",

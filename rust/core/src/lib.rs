@@ -62,6 +62,7 @@ pub mod measurement;
 pub mod network;
 #[cfg(test)]
 mod noise;
+mod paper;
 #[cfg(test)]
 mod paper_head;
 pub mod pipeline;

@@ -201,6 +201,8 @@ impl SideScan {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::edges::detector_tests::{picture, rectangle};
+    use crate::face::outline::{SIDES, span_mm};
     use crate::frames::Plane;
     use crate::paper_head::paper_head;
     use nalgebra::Vector3;
@@ -243,5 +245,30 @@ mod tests {
         assert!(strength(3.0, 16.0) > 0.9 && strength(3.0, 64.0) > 0.9, "a sharp edge");
         assert!(strength(30.0, 64.0) > 0.9, "{}", strength(30.0, 64.0));
         assert!(strength(30.0, 16.0) < 0.3, "{}: then a shorter range would do", strength(30.0, 16.0));
+    }
+
+    #[test]
+    fn the_strongest_candidate_of_a_scan_is_the_edge_to_a_pixel() {
+        let calibration = paper_head(0.25);
+        let truth = rectangle(&calibration);
+        let frame = picture(&calibration, &truth, 180, 90);
+        let (offsets, px) = (truth.offsets_mm, truth.mm_per_px);
+        for (side, (across, _)) in SIDES.into_iter().enumerate() {
+            let range = ScanRange {
+                across,
+                from_mm: offsets[side] - 20.0 * px,
+                to_mm: offsets[side] + 20.0 * px,
+                span_mm: span_mm(&offsets, side),
+                step_mm: 0.8 * px,
+            };
+            let scan = SideScan::new(&frame, &calibration, &truth.raster, &range);
+            let found = scan.candidates(8.0 * px, 4.0 * px, 0.2, 8);
+            let off_px = (found[0].offset_mm - offsets[side]) / px;
+            assert!(
+                found[0].strength > 0.9 && off_px.abs() < 1.0,
+                "side {side}: {off_px} px, {:?}",
+                found[0]
+            );
+        }
     }
 }

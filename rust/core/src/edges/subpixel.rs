@@ -381,3 +381,37 @@ fn edge_kind(profiles: &[Profile], line: &impl Fn(&Profile) -> f64) -> (Kind, f6
         (Kind::Step, 0.0)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::GradientDetector;
+    use crate::edges::detector_tests::{
+        bears_frames_of_any_size, finds_known_sides, finds_nothing_in_the_dark, keeps_out_of_laser_light,
+    };
+    use proptest::prelude::*;
+
+    const DETECTOR: GradientDetector = GradientDetector::DEFAULT;
+
+    #[test]
+    fn known_sides_are_found_to_a_fifth_of_a_pixel() {
+        finds_known_sides(&DETECTOR);
+    }
+
+    #[test]
+    fn no_point_lies_where_laser_light_disturbs() {
+        keeps_out_of_laser_light(&DETECTOR);
+    }
+
+    #[test]
+    fn a_black_frame_has_no_edges() {
+        finds_nothing_in_the_dark(&DETECTOR);
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+        #[test]
+        fn frames_of_any_size_do_no_harm(width in 1..90usize, height in 1..90usize, seed: u32) {
+            bears_frames_of_any_size(&DETECTOR, width, height, seed);
+        }
+    }
+}

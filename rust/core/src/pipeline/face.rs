@@ -4,7 +4,7 @@ use super::progress::Progress;
 use super::tracer::Tracer;
 use crate::calibration::Calibration;
 use crate::confidence;
-use crate::edges::{EdgeDetector, hough::HoughDetector, subpixel::GradientDetector};
+use crate::edges::{EdgeDetector, subpixel::GradientDetector};
 use crate::error::{Error, ErrorKind};
 use crate::face::end_outline::{cut_by_border, end_outline, ends_seen, limits};
 use crate::face::extent::{FaceStripes, InnerSegments, StripeContrast, follow_stripes, inner_segments};
@@ -18,8 +18,11 @@ use crate::image::bands::band_maps;
 use crate::image::laser_response::{Diagonal, RidgeMap, faint_ridge_map, half_laser_response};
 use crate::measurement::{EdgeMethod, FaceMeasurement, FaceOutcome, Method, Settings, StageTimes};
 use crate::network::{Channel, EdgeMap, EdgeMapNetwork, FaceMaps, Network, NetworkOutput};
+use crate::paper::hough::HoughDetector;
+use crate::paper::key_points;
+use crate::paper::outline::hough_outline;
 use crate::rectangle;
-use crate::rectangle::hough_outline::hough_outline;
+use crate::rectangle::SidesOf;
 use crate::rectangle::outlines::{OutlineHypothesis, Pair, outlines};
 use crate::rectangle::snap::snap_to_image;
 use crate::reject::Reject;
@@ -440,7 +443,9 @@ fn measure_initial(
     let keep_out = rectangle::keep_out(calibration, face, initial);
     let edges = detector.edge_points(frame, calibration, initial, &keep_out);
     progress.lap("edges");
-    let result = rectangle::measure(frame, calibration, face, initial, &edges, settings);
+    let by_key_points: SidesOf<'_> = &|fit| key_points::measure(calibration, face, fit, &edges);
+    let by_key_points = (settings.method == Method::Keypoints).then_some(by_key_points);
+    let result = rectangle::measure(frame, calibration, face, initial, &edges, settings, by_key_points);
     progress.lap("fit");
     result
 }

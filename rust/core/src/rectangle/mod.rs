@@ -1,11 +1,8 @@
-//! The rectangle of a face on its plane: which lines may be its sides ([`line_evidence`], [`outlines`], in the paper's map [`hough_outline`]), the
-//! picture's edges beside them ([`snap`]), its joint fit
-//! ([`refine`]), the paper's eight key points ([`key_points`]), the way from rounded to sharp edges ([`sharp_edge`], [`rounding`]), its sigmas ([`uncertainty`]), what the
-//! residuals tell ([`consistency_checks`], [`surface`]), and the result (this file).
+//! The rectangle of a face on its plane: which lines may be its sides ([`line_evidence`], [`outlines`]), the picture's edges beside them
+//! ([`snap`]), its joint fit ([`refine`]), the way from rounded to sharp edges ([`sharp_edge`], [`rounding`]), its sigmas
+//! ([`uncertainty`]), what the residuals tell ([`consistency_checks`], [`surface`]), and the result (this file).
 
 mod consistency_checks;
-pub(crate) mod hough_outline;
-pub(crate) mod key_points;
 pub(crate) mod line_evidence;
 mod line_strip;
 pub(crate) mod outlines;
@@ -28,7 +25,7 @@ use crate::face::outline::{InitialRectangle, SIDES, WeightedLine, outward_sign, 
 use crate::face::plane_fit::StripeObservation;
 use crate::face::raster::{OnPlane, PlaneRaster};
 use crate::image::Frame;
-use crate::measurement::{FaceMeasurement, Method, Settings, SideUncertainty};
+use crate::measurement::{FaceMeasurement, Settings, SideUncertainty};
 use crate::reject::Reject;
 use crate::units::{AngleEstimate, Estimate, LaserId, Px};
 use crate::warning::{Warning, WarningKind};
@@ -50,7 +47,18 @@ const MAX_EDGE_RMS_MM: f64 = 2.0;
 const TOO_FAR_PX: f64 = 10.0;
 const TOO_FAR_MM: f64 = *rounding::CARDBOARD_MM.end() - sharp_edge::USUAL_RADIUS_MM;
 
-/// Fits the rectangle of a face and judges it.
+/// Sides from eight key points.
+pub(crate) struct KeyPointSides {
+    /// Across A (low to high a) and across B, mm.
+    pub sides_mm: [f64; 2],
+    /// Their variances, mm^2.
+    pub variances_mm2: [f64; 2],
+}
+
+/// Sides in another way than by the joint fit, of a rectangle that was fitted.
+pub(crate) type SidesOf<'a> = &'a dyn Fn(&FittedRectangle) -> Option<KeyPointSides>;
+
+/// Fits the rectangle of a face and judges it. Its sides are those of the fit, or those of `key_points`.
 pub(crate) fn measure(
     frame: &Frame,
     calibration: &Calibration,
@@ -58,6 +66,7 @@ pub(crate) fn measure(
     initial: &InitialRectangle,
     edges: &[Vec<EdgePoint>; 4],
     settings: &Settings,
+    key_points: Option<SidesOf<'_>>,
 ) -> Result<FaceMeasurement, Reject> {
     let sides_found = edges.iter().filter(|e| e.len() >= MIN_EDGE_POINTS).count() as u8;
     let open = || Reject::RectangleOpen { sides_found };
@@ -88,11 +97,9 @@ pub(crate) fn measure(
     if beyond_ends > 0 {
         return Err(Reject::RectangleOpen { sides_found: 4 - beyond_ends });
     }
-    let face = if settings.method == Method::Keypoints {
-        let points = key_points::measure(calibration, face, fit, edges).ok_or_else(open)?;
-        observed.by_key_points(&fitted, &corrections, &points)
-    } else {
-        observed.by_fit(fitted, &corrections)
+    let face = match key_points {
+        Some(sides_of) => observed.by_key_points(&fitted, &corrections, &sides_of(fit).ok_or_else(open)?),
+        None => observed.by_fit(fitted, &corrections),
     };
     let mut face = face.ok_or_else(open)?;
     face.warnings.extend(NearbyLines::warning(&nearby));
@@ -213,7 +220,7 @@ impl FaceObservations<'_> {
 
     /// The face with sharp edges.
     pub fn by_fit(&self, fitted: Fitted, corrections: &[Correction; 4]) -> Option<FaceMeasurement> {
-        let key_points_px = key_points::on_sides(self.calibration, &fitted.fit)?;
+        let key_points_px = fitted.fit.key_points_px(self.calibration)?;
         let Fitted { mut fit, causes, checks, corner_angles } = fitted;
         let straight = straightness::of_sides(&fit);
         let mut uncertainty = uncertainty::of_sides(&fit, &causes, corrections);
@@ -240,7 +247,7 @@ impl FaceObservations<'_> {
         &self,
         fitted: &Fitted,
         corrections: &[Correction; 4],
-        points: &key_points::KeyPointSides,
+        points: &KeyPointSides,
     ) -> Option<FaceMeasurement> {
         let Fitted { fit, causes, checks, corner_angles } = fitted;
         let mut uncertainty = uncertainty::of_sides(fit, causes, corrections);
@@ -248,7 +255,7 @@ impl FaceObservations<'_> {
             let outwards_mm: f64 = pair.iter().map(|c| c.outwards_mm).sum();
             uncertainty.own_mm2[(i, i)] += outwards_mm.powi(2) + points.variances_mm2[i];
         }
-        let key_points_px = key_points::on_sides(self.calibration, fit)?;
+        let key_points_px = fit.key_points_px(self.calibration)?;
         let straight = straightness::of_sides(fit);
         let sides =
             SideLengths { values_mm: points.sides_mm, uncertainty, corner_angles: *corner_angles, straight };
@@ -294,7 +301,7 @@ fn check_crossings(frame: &Frame, calibration: &Calibration, fit: &FittedRectang
     for id in LaserId::ALL {
         let crosses = [0, 1].into_iter().all(|end| {
             let side = if id.number() <= 2 { end } else { 2 + end };
-            key_points::along_side_mm(calibration, fit, id, side).is_some_and(|along| {
+            fit.along_side_mm(calibration, id, side).is_some_and(|along| {
                 let (low, high) = span_mm(&fit.offsets_mm, side);
                 along > low && along < high
             })

@@ -4,10 +4,13 @@
 
 use crate::calibration::Calibration;
 use crate::edges::EdgePoint;
+use crate::face::extent::{crossing_on, crossing_on_px};
 use crate::face::model::{Covariance, FaceState, Observation, Row, SHAPE, Source, UNKNOWNS, Unknowns, solve};
+use crate::face::outline::SIDES;
 use crate::face::plane_fit::StripeObservation;
 use crate::face::raster::{OnPlane, PlaneRaster};
 use crate::statistics::{median, robust_sigma, tukey_weight};
+use crate::units::{LaserId, Px};
 use nalgebra::SMatrix;
 
 /// What the four sides may form.
@@ -55,6 +58,23 @@ impl FittedRectangle {
         let (oa, ob) = (self.offsets_mm[side_a], self.offsets_mm[side_b]);
         let a = (oa - sa * (ob + sb * mb - ma)) / (1.0 - sa * sb);
         OnPlane::new(a, ob - sb * (a - mb))
+    }
+
+    /// Position along a side (mm) where a stripe crosses it.
+    pub fn along_side_mm(&self, calibration: &Calibration, id: LaserId, side: usize) -> Option<f64> {
+        crossing_on(calibration, &self.raster, SIDES[side].0, self.offsets_mm[side], id)
+    }
+
+    /// The crossings of stripes and sides, two a stripe (the paper's D1 to D8), on the sensor.
+    pub fn key_points_px(&self, calibration: &Calibration) -> Option<[[Px; 2]; 4]> {
+        let mut result = [[Px::new(0.0, 0.0); 2]; 4];
+        for ((across, high), offset_mm) in SIDES.into_iter().zip(self.offsets_mm) {
+            for id in across.stripes() {
+                result[id.index()][usize::from(high)] =
+                    crossing_on_px(calibration, &self.raster, across, offset_mm, id)?;
+            }
+        }
+        Some(result)
     }
 }
 

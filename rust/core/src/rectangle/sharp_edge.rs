@@ -198,7 +198,7 @@ fn collect(
     samples: &mut Vec<Sample>,
 ) -> Option<()> {
     let (across, _) = SIDES[side];
-    let along = super::key_points::along_side_mm(calibration, fit, id, side)?;
+    let along = fit.along_side_mm(calibration, id, side)?;
     let end = fit.raster.pixel(calibration, across.at(fit.offsets_mm[side], along))?;
     let line = StripeLine::new(calibration, id, neighbour);
     let place = |p: Px| match line.scan {

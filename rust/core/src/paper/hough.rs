@@ -1,9 +1,9 @@
 //! The paper's procedure: edge map, Hough transform `rho = u cos(theta) + v sin(theta)` (eq. 20), clustering of the peaks
 //! with 15 px and 1.8 degrees, line fits; of the lines, each side of the face takes the one that fits it.
 
-use super::map::{EdgePixel, edge_pixels, edge_pixels_of_map};
-use super::{EdgeDetector, EdgePoint};
+use super::edge_map::{EdgePixel, edge_pixels, edge_pixels_of_map};
 use crate::calibration::Calibration;
+use crate::edges::{EdgeDetector, EdgePoint};
 use crate::face::outline::{InitialRectangle, SIDES};
 use crate::face::plane_fit::{PxView, residual_px};
 use crate::frames::{Cam, Plane};
@@ -249,6 +249,14 @@ fn side_points(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::edges::detector_tests::{
+        bears_frames_of_any_size, finds_known_sides, finds_nothing_in_the_dark, keeps_out_of_laser_light,
+        noise_frame,
+    };
+    use proptest::prelude::*;
+
+    /// On the picture's gradient, without a network.
+    const DETECTOR: HoughDetector<'static> = HoughDetector { map: None, stripes_on: None };
 
     /// Map pixels along `u cos(theta) + v sin(theta) = rho` within a frame of 600 x 400.
     fn pixels_on(rho_px: f64, theta_rad: f64) -> Vec<EdgePixel> {
@@ -300,6 +308,33 @@ mod tests {
     fn no_pixels_no_lines() {
         for (width, height) in [(1, 1), (3, 2), (64, 64)] {
             assert!(peaks(&[], width, height, 1.0).is_empty());
+        }
+    }
+
+    #[test]
+    fn known_sides_are_found_to_a_fifth_of_a_pixel() {
+        finds_known_sides(&DETECTOR);
+    }
+
+    #[test]
+    fn no_point_lies_where_laser_light_disturbs() {
+        keeps_out_of_laser_light(&DETECTOR);
+    }
+
+    #[test]
+    fn a_black_frame_has_no_edges() {
+        finds_nothing_in_the_dark(&DETECTOR);
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+        #[test]
+        fn frames_of_any_size_do_no_harm(width in 1..90usize, height in 1..90usize, seed: u32) {
+            bears_frames_of_any_size(&DETECTOR, width, height, seed);
+            for pixel in edge_pixels(&noise_frame(width, height, seed)) {
+                prop_assert!(pixel.at.u > 0.0 && pixel.at.u < width as f64);
+                prop_assert!(pixel.at.v > 0.0 && pixel.at.v < height as f64);
+            }
         }
     }
 }

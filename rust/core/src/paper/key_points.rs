@@ -1,51 +1,21 @@
 //! The paper's way (eqs. 5-11): the eight crossings D1-D8 of stripes and edges, each triangulated on its laser plane, four
 //! edges through pairs of them, corners where edges meet, sides between corners.
 
-use super::refine::FittedRectangle;
 use crate::calibration::Calibration;
 use crate::edges::EdgePoint;
-use crate::face::extent::{FaceStripes, crossing_on};
+use crate::face::extent::FaceStripes;
 use crate::face::outline::SIDES;
 use crate::frames::{Cam, Point, Ray};
+use crate::rectangle::KeyPointSides;
+use crate::rectangle::refine::FittedRectangle;
 use crate::statistics::robust_sigma;
 use crate::units::{LaserId, Px};
 use nalgebra::{Matrix3, Vector3};
-
-/// Sides from eight key points.
-pub(crate) struct KeyPointSides {
-    /// Across A (low to high a) and across B, mm.
-    pub sides_mm: [f64; 2],
-    /// Their variances, mm^2.
-    pub variances_mm2: [f64; 2],
-}
 
 /// Localisation of a key point, px: along its stripe that of a fitted edge, across it that of a fitted stripe at its end
 /// (the paper reports 1.96 px for its network's key points; PHYSICS.md).
 const EDGE_SIGMA_PX: f64 = 0.5;
 const STRIPE_SIGMA_PX: f64 = 0.15;
-
-/// Position along side `side` (mm) where the stripe of `id` crosses it.
-pub(crate) fn along_side_mm(
-    calibration: &Calibration,
-    fit: &FittedRectangle,
-    id: LaserId,
-    side: usize,
-) -> Option<f64> {
-    crossing_on(calibration, &fit.raster, SIDES[side].0, fit.offsets_mm[side], id)
-}
-
-/// D1-D8 of a fitted rectangle on the sensor, two per stripe.
-pub(crate) fn on_sides(calibration: &Calibration, fit: &FittedRectangle) -> Option<[[Px; 2]; 4]> {
-    let mut result = [[Px::new(0.0, 0.0); 2]; 4];
-    for (side, (across, high)) in SIDES.iter().enumerate() {
-        for id in across.stripes() {
-            let along = along_side_mm(calibration, fit, id, side)?;
-            result[id.index()][usize::from(*high)] =
-                fit.raster.pixel(calibration, across.at(fit.offsets_mm[side], along))?;
-        }
-    }
-    Some(result)
-}
 
 /// The sides from the eight key points alone.
 pub(crate) fn measure(
@@ -92,7 +62,7 @@ pub(crate) fn measure(
     };
     let sides_mm = sides_of(&|_, _| (0.0, 0.0))?;
     // Every key point moved along its stripe (where the edge lies) and across it (where the stripe lies), one at a time.
-    let d = on_sides(calibration, fit)?;
+    let d = fit.key_points_px(calibration)?;
     let mut variances_mm2 = [0.0; 2];
     for side in 0..4 {
         for end in 0..2 {

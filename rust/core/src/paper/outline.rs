@@ -1,9 +1,9 @@
 //! The face's outline in the paper's single map, on a plane that the stripes gave: the Hough transform's lines that are no stripe, of
 //! which four make a rectangle about the grid that the map fills: edges along its sides, stripes between them and not beyond.
 
+use super::edge_map::LEAST_PROBABILITY;
+use super::hough::{Line, lines_beside_stripes};
 use crate::calibration::Calibration;
-use crate::edges::hough::{Line, lines_beside_stripes};
-use crate::edges::map::LEAST_PROBABILITY;
 use crate::face::extent::{crossing_on, crossing_px};
 use crate::face::map_outline::{RectangleCandidate, WeightedPoint, turned};
 use crate::face::outline::{Across, InitialRectangle, SIDES, outward_sign, span_mm};

@@ -1,7 +1,7 @@
 //! Edge maps for the paper's chain, thinned to ridges: a network's map, or, without a network, the gradient of the tone at half
 //! resolution in units of its noise.
 
-use super::{noise_of, tone_half};
+use crate::edges::noise_of;
 use crate::image::Frame;
 use crate::network::MapView;
 use crate::units::Px;
@@ -90,6 +90,24 @@ pub(crate) fn edge_pixels_of_map(map: MapView<'_>) -> Vec<EdgePixel> {
         }
     }
     pixels
+}
+
+/// The tone at half resolution, one plane a channel.
+fn tone_half(frame: &Frame) -> (usize, usize, [Vec<f32>; 2]) {
+    let (w, h) = (frame.width_px() / 2, frame.height_px() / 2);
+    let stride = frame.width_px() * 3;
+    let mut planes = [vec![0f32; w * h], vec![0f32; w * h]];
+    for j in 0..h {
+        let top = &frame.rgb()[2 * j * stride..][..w * 6];
+        let bottom = &frame.rgb()[(2 * j + 1) * stride..][..w * 6];
+        for (i, (t, b)) in top.chunks_exact(6).zip(bottom.chunks_exact(6)).enumerate() {
+            let sum = |c: usize| [t[c], t[c + 3], b[c], b[c + 3]].iter().map(|x| f32::from(*x)).sum::<f32>();
+            let (red, green, blue) = (sum(0), sum(1), sum(2));
+            planes[0][j * w + i] = (green + blue) / 8.0;
+            planes[1][j * w + i] = (red - blue) / 8.0;
+        }
+    }
+    (w, h, planes)
 }
 
 /// Binomial smoothing with 5 x 5 weights (sigma 1 px).
