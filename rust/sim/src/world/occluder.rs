@@ -39,6 +39,8 @@ const MOST_OF_FACE: f64 = 0.6;
 const CLEAR_MM: f64 = 60.0;
 const FARTHEST_MM: f64 = 600.0;
 const TRIES: usize = 40;
+/// Share of faces that a flap of the box itself hides: it lies so near to the face that it is the hardest to tell from it.
+const FLAPS: f64 = 1.0 / 3.0;
 
 impl Hidden {
     /// What solids before a face hide of it.
@@ -118,14 +120,15 @@ pub(super) fn occluder(
 ) -> Option<(Vec<Body>, Hidden)> {
     let pose = &target.face(view.face, view);
     let bulge_mm = f64::from(target.shape.bulge_mm[view.face].max(0.0));
-    let thing = rng.pick([
-        Some(OccluderKind::Carton),
-        Some(OccluderKind::Hand),
-        Some(OccluderKind::Post),
-        Some(OccluderKind::Strap),
-        Some(OccluderKind::Roll),
-        None, // a flap of the box itself
-    ]);
+    let thing = (!rng.chance(FLAPS)).then(|| {
+        rng.pick([
+            OccluderKind::Carton,
+            OccluderKind::Hand,
+            OccluderKind::Post,
+            OccluderKind::Strap,
+            OccluderKind::Roll,
+        ])
+    });
     (0..TRIES).find_map(|_| {
         let bodies = if let Some(thing) = thing {
             let aim = aim(rng, pose, head);
