@@ -18,15 +18,15 @@ const SAME_MM: f64 = 2.0;
 /// ... nor than this share of the side.
 const SAME_SHARE: f64 = 0.004;
 /// Chi-square of the difference that one sound box in a thousand exceeds.
-const LIMIT: f64 = 10.83;
+const CHI_SQUARE_LIMIT: f64 = 10.83;
 
 /// How often two sides of a box are equal, and over how many mm the difference of two others spreads: of the pairs of sides of 818 boxes of the
 /// learning and choosing seeds 0.040 are equal, and 0.127 of the others within 20 mm. An assumption for boxes of the world, of which many
 /// are square at one end.
-const EQUAL: f64 = 0.04;
+const EQUAL_SIDES_SHARE: f64 = 0.04;
 const SPREAD_MM: f64 = 330.0;
 /// Two ways to put faces together leave two boxes if the less likely one has this share of the probability: a box may be wrong once in 200.
-const LEAST_SHARE: f64 = 0.005;
+const LEAST_SHARE_OF_SECOND: f64 = 0.005;
 
 /// Which of the box's three sides a face's length and width are.
 pub(crate) type SidesOfFace = [usize; 2];
@@ -81,15 +81,21 @@ impl SharedSide {
 
     /// How likely they are as two sides of a box, against two that differ by some tens of mm as those of most boxes do.
     fn as_different(&self) -> f64 {
-        1.0 + EQUAL / (1.0 - EQUAL) * SPREAD_MM * self.density()
+        1.0 + EQUAL_SIDES_SHARE / (1.0 - EQUAL_SIDES_SHARE) * SPREAD_MM * self.density()
     }
 
     fn warning(&self) -> Option<Warning> {
         let (found, sigma) = (self.difference_mm(), self.sigma_mm);
         let chi_square = (found / sigma).powi(2);
-        let warning =
-            Warning { kind: WarningKind::SidesDiffer, laser: None, found, sigma, chi_square, limit: LIMIT };
-        (chi_square > LIMIT).then_some(warning)
+        let warning = Warning {
+            kind: WarningKind::SidesDiffer,
+            laser: None,
+            found,
+            sigma,
+            chi_square,
+            limit: CHI_SQUARE_LIMIT,
+        };
+        (chi_square > CHI_SQUARE_LIMIT).then_some(warning)
     }
 }
 
@@ -233,7 +239,7 @@ pub(crate) fn assemble(faces: &[&FaceMeasurement], choose: Option<usize>) -> (Ou
         if assignments.iter().all(|way| way.excess > 1.0) {
             continue; // lengths that agree nowhere make no box
         }
-        let least = LEAST_SHARE * assignments.iter().map(|way| way.weight).sum::<f64>();
+        let least = LEAST_SHARE_OF_SECOND * assignments.iter().map(|way| way.weight).sum::<f64>();
         assignments.retain(|way| way.excess <= 1.0 || way.weight >= least);
         assignments.sort_by(|a, b| a.excess.total_cmp(&b.excess));
         let mut possible: Vec<Fit> = Vec::with_capacity(2);

@@ -55,7 +55,7 @@ impl FaceHypotheses {
 }
 
 /// Two measurements of a frame found the same edges if their corners are nearer than this, px: edges scatter by 1 to 2 px.
-const SAME_PX: f64 = 3.0;
+const SAME_CORNER_PX: f64 = 3.0;
 
 /// Pairs of lines that were measured as one.
 struct Lines {
@@ -136,16 +136,16 @@ fn untried_with(all: &mut [Lines], pair: Pair) -> f64 {
 }
 
 fn same_corners(a: &FaceMeasurement, b: &FaceMeasurement) -> bool {
-    a.corners_px.iter().all(|p| b.corners_px.iter().any(|q| p.distance_px(*q) < SAME_PX))
+    a.corners_px.iter().all(|p| b.corners_px.iter().any(|q| p.distance_px(*q) < SAME_CORNER_PX))
 }
 
 /// What is less likely than this is not put together with other faces: it could not change the third digit.
-const LEAST: f64 = 1e-3;
+const LEAST_PROBABILITY: f64 = 1e-3;
 /// A side that lies between unknown lines has any of so many lengths, mm: an assumption, since flaps, tape and print lie some tens of mm
 /// beside an edge.
 const UNKNOWN_MM: f64 = 60.0;
 /// Three frames show three different pairs of sides; in one case of twenty, an assumption, they show a face twice, or opposite ones.
-const TWICE: f64 = 0.05;
+const SHOWN_TWICE: f64 = 0.05;
 /// Boxes that are told: more than the two likeliest settle nothing.
 pub(crate) const LIKELIEST: usize = 2;
 
@@ -174,7 +174,7 @@ fn states<'a>(seen: Option<&'a FaceHypotheses>) -> Vec<State<'a>> {
             state(hypothesis.half[1], [false, true]);
         }
     }
-    found.retain(|state| state.probability >= LEAST);
+    found.retain(|state| state.probability >= LEAST_PROBABILITY);
     let probability = (1.0 - found.iter().map(|state| state.probability).sum::<f64>()).max(0.0);
     let face_seen = !found.is_empty();
     found.push(State { probability, index: 0, face: None, right: [false; 2], face_seen });
@@ -239,11 +239,12 @@ pub(crate) fn likeliest_boxes<'a, T>(
         };
         all = all.iter().flat_map(longer).collect();
     }
-    let arrangements: Vec<(f64, Vec<Vec<cuboid::SidesOfFace>>)> = [(1.0 - TWICE, true), (TWICE, false)]
-        .map(|(share, all_differ)| (share, cuboid::arrangements(seen.len(), all_differ)))
-        .into_iter()
-        .filter(|(_, arrangements)| !arrangements.is_empty())
-        .collect();
+    let arrangements: Vec<(f64, Vec<Vec<cuboid::SidesOfFace>>)> =
+        [(1.0 - SHOWN_TWICE, true), (SHOWN_TWICE, false)]
+            .map(|(share, all_differ)| (share, cuboid::arrangements(seen.len(), all_differ)))
+            .into_iter()
+            .filter(|(_, arrangements)| !arrangements.is_empty())
+            .collect();
     let mut total = 0.0;
     let mut ways: BTreeMap<Vec<Option<usize>>, (f64, OneEach<'a>)> = BTreeMap::new();
     for states in &all {
@@ -265,7 +266,7 @@ pub(crate) fn likeliest_boxes<'a, T>(
     }
     let mut boxes: Vec<BoxHypothesis<'a, T>> = Vec::new();
     let mut ways: Vec<_> = ways.into_values().map(|(weight, faces)| (weight / total, faces)).collect();
-    ways.retain(|(probability, _)| *probability >= LEAST);
+    ways.retain(|(probability, _)| *probability >= LEAST_PROBABILITY);
     ways.sort_by(|a, b| b.0.total_cmp(&a.0));
     for (probability, faces) in ways {
         let Some(agreed) = put_together(&faces) else { continue };

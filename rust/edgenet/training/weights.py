@@ -23,7 +23,7 @@ RIGHT_MM = 5.0  # a side that is measured farther off is wrong
 LEAST_SEEN = 1e-3  # as in line_evidence.rs
 MOST_ODDS = (150.0, 1e4)  # as in outlines.rs
 LEAST_LEFT = 1e-6  # as in outlines.rs
-SAME_PX = 10.0  # lines that are taken together, as in outlines.rs
+SAME_SIDE_PX = 10.0  # lines that are taken together, as in outlines.rs
 
 
 COLUMNS = ("off_px", "mm_per_px", "radius_mm", "told", "seen", "known", "hidden", "not_in_view", "measured_off_mm", "beyond_least", "beyond_most", "missing", "to_border", "mask_beyond")
@@ -75,7 +75,7 @@ def sure(sides: dict, w: torch.Tensor) -> torch.Tensor:
         told = features(lines)[0]
         best = int((told @ w).argmax())
         p = torch.softmax(told[:, 0], 0).numpy()
-        near = np.abs(off_mm - off_mm[best]) <= SAME_PX * mm_per_px
+        near = np.abs(off_mm - off_mm[best]) <= SAME_SIDE_PX * mm_per_px
         odds = [float(np.clip(v / max(1 - v, 1e-12), 1 / most, most)) for v, most in zip((p[near].sum(), lines[best]["seen"]), MOST_ODDS)]
         left = 1 - torch.softmax(told @ w, 0).numpy()[near].sum()
         x.append([1, *np.log(odds), np.log(mm_per_px), float(told[best, 2:] @ w[2:]), np.log(max(left, LEAST_LEFT))])
@@ -98,7 +98,7 @@ def sure(sides: dict, w: torch.Tensor) -> torch.Tensor:
 
 
 def called_hidden(sides: dict) -> dict:
-    """HIDDEN of scene/hidden.rs: the share of faces with a side that the network of sides calls hidden at least so surely."""
+    """HIDDEN_PROBABILITY of scene/hidden.rs: the share of faces with a side that the network of sides calls hidden at least so surely."""
     faces = defaultdict(float)
     for (recording, frame, _), lines in sides.items():
         faces[recording, frame] = max([faces[recording, frame]] + [line["hidden"] for line in lines])
@@ -116,7 +116,7 @@ def score(sides: dict, w: torch.Tensor) -> dict:
             losses.append(-np.log(p[right.numpy()].sum() + 1e-9))
         sides_right.append(bool(right[best]))
         face = faces[recording, frame]
-        face[0] *= p[np.abs(off - off[best]) <= SAME_PX].sum()
+        face[0] *= p[np.abs(off - off[best]) <= SAME_SIDE_PX].sum()
         face[1] &= bool(right[best])
         face[2] += 1
     told = np.array([(p, r) for p, r, n in faces.values() if n == 4])

@@ -1,4 +1,4 @@
-"""Fits how much the evidence for a line counts where no network is: TOLD_ALONE and SURE_ALONE.
+"""Fits how much the evidence for a line counts where no network is: CLUE_WEIGHTS_ALONE and SURE_ALONE.
 
     cargo run --release -p boxline-edgenet --example side_evidence -- --without-network learn > learn.csv     (recordings with truth)
     cargo run --release -p boxline-edgenet --example side_evidence -- --without-network choose > choose.csv
@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from weights import LEAST_LEFT, MOST_ODDS, RIGHT_MM, RIGHT_PX, SAME_PX
+from weights import LEAST_LEFT, MOST_ODDS, RIGHT_MM, RIGHT_PX, SAME_SIDE_PX
 
-CLUES = [f"clue_{i}" for i in range(11)]  # in the order of TOLD_ALONE
+CLUES = [f"clue_{i}" for i in range(11)]  # in the order of CLUE_WEIGHTS_ALONE
 LIGHT = (-0.053, -0.13)  # LIGHT_ON_ONE and LIGHT_MISSING of line_evidence.rs
 RIDGE = 1e-3  # keeps weights of what is never seen at zero
 
@@ -73,7 +73,7 @@ def judged(side: Side, w: torch.Tensor) -> tuple[list[float], float]:
     """What SURE_ALONE weighs for the likeliest line, and whether that is right."""
     without_light, score = side.clues @ w, side.clues @ w + side.light
     best = int(score.argmax())
-    near = np.abs(side.off_px - side.off_px[best]) <= SAME_PX
+    near = np.abs(side.off_px - side.off_px[best]) <= SAME_SIDE_PX
     p = torch.softmax(without_light, 0).numpy()[near].sum()
     left = 1 - torch.softmax(score, 0).numpy()[near].sum()
     odds = float(np.clip(p / max(1 - p, 1e-12), 1 / MOST_ODDS[0], MOST_ODDS[0]))
@@ -109,7 +109,7 @@ def main() -> None:
     learn, choose = read(options.learn), read(options.choose)
     w = told(learn)
     v = sure(learn, w)
-    print(f"TOLD_ALONE: {[round(float(x), 2) for x in w]}")
+    print(f"CLUE_WEIGHTS_ALONE: {[round(float(x), 2) for x in w]}")
     print(f"SURE_ALONE, learn: {[round(float(x), 2) for x in v]}; on choose: {score(choose, w, v)}")
     both = sure(learn | choose, w)
     print(f"SURE_ALONE, both: {[round(float(x), 2) for x in both]}; on both: {score(learn | choose, w, both)}")

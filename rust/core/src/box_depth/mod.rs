@@ -47,12 +47,12 @@ const LEAST_LOG_ODDS: f64 = 9.2;
 const LEAST_OF_ONE: f64 = 2.0;
 /// What one place counts at most, natural logarithm: print hides a stripe on one place in seven, and on one in fifty something
 /// else looks like one.
-const HIDDEN: f64 = -1.9;
-const PRETENDED: f64 = 3.9;
+const UNSEEN_LOG_ODDS: f64 = -1.9;
+const FALSE_LOG_ODDS: f64 = 3.9;
 /// Neighbouring places share print: one in two is independent.
-const SHARED: f64 = 2.0;
+const PLACES_PER_INDEPENDENT: f64 = 2.0;
 /// The end of a stripe is seen if it is gone behind it at odds of 20 to 1.
-const END_SEEN: f64 = 3.0;
+const END_SEEN_LOG_ODDS: f64 = 3.0;
 /// A stripe that is dimmer than this share of what it is around has a gap: roundings of two edges take 2 to 8 mm of it, a place
 /// is about as long.
 const LEAST_LIGHT: f64 = 0.6;
@@ -180,7 +180,7 @@ fn look(stripe_path: &StripePath, paper: &FramedStripe, depths: &Depths) -> Opti
         .iter()
         .map(|p| {
             let gain = usual * p.strength - 0.5 * usual * usual;
-            sum += gain.clamp(HIDDEN, PRETENDED) / SHARED;
+            sum += gain.clamp(UNSEEN_LOG_ODDS, FALSE_LOG_ODDS) / PLACES_PER_INDEPENDENT;
             sum
         })
         .collect();
@@ -197,7 +197,7 @@ fn look(stripe_path: &StripePath, paper: &FramedStripe, depths: &Depths) -> Opti
     }
     let near = near_mm - slack_mm(near_mm)..latest_mm(near_mm).min(from_far_mm);
     let far = from_far_mm.max(latest_mm(near_mm))..latest_mm(far_mm);
-    let end_seen = most - odds[last] >= END_SEEN;
+    let end_seen = most - odds[last] >= END_SEEN_LOG_ODDS;
     // Of this end against the other one.
     let (end, log_odds) = if near.contains(&depth_mm) && end_seen {
         (End::Near, most - odds_at(far_mm - END_MM - END_SHARE * far_mm))

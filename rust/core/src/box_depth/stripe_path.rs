@@ -29,7 +29,7 @@ const OFF_RAD: f64 = 0.027;
 /// A peak this far from the line is another surface's, px: more than noise (0.5 px) and a bulge of some mm move it.
 const NEAR_PX: f64 = 1.5;
 /// Strengths beyond this count no more, in sigmas.
-const MOST: f64 = 6.0;
+const MOST_SIGMAS: f64 = 6.0;
 /// Noise of the filter that is always there, grey levels: JPEG's steps.
 const FLOOR: f64 = 0.5;
 /// Fewest places up to the nearer depth.
@@ -159,7 +159,7 @@ impl StripePath {
         let noise: Vec<(f64, f64)> = (0..responses.len()).map(|i| beside(&responses, i, paper)).collect();
         let strength = |i: usize, offset_px: f64| {
             let (mean, sigma) = noise[i];
-            ((responses[i].at(offset_px) - mean) / sigma).clamp(-MOST, MOST)
+            ((responses[i].at(offset_px) - mean) / sigma).clamp(-MOST_SIGMAS, MOST_SIGMAS)
         };
         let count = (last - first) as f64;
         let sum = |offset: &dyn Fn(&Step) -> f64| {

@@ -60,6 +60,9 @@ pub(crate) fn linear_light() -> &'static [f32; 256] {
     &LINEAR
 }
 
+/// Least scatter of light that is believed, share of full scale of [`linear_light`]: a step of a byte in the middle of its range.
+pub(crate) const LEAST_SCATTER: f32 = 0.004;
+
 /// What each level of red, green and blue adds to the tone and to the same in [`linear_light`].
 pub(crate) struct Palette([[f32x4; 256]; 3]);
 

@@ -10,17 +10,19 @@ use crate::face::raster::PlaneRaster;
 use crate::image::Frame;
 use crate::units::Px;
 
+/// A side may be turned against the raster by this much from end to end, px.
+pub(crate) const TURN_PX: f64 = 8.0;
 /// Segments of a side.
 pub(crate) const SEGMENTS: usize = 16;
 /// Samples added up in one segment at each offset.
-const SAMPLES: usize = 10;
+const SAMPLES_A_SEGMENT: usize = 10;
 /// Half the distance over which a step is measured, in scan steps (about px): the optics blur an edge over 2 to 3 px.
-const REACH: usize = 2;
+const STEP_REACH: usize = 2;
 /// A step this many noise sigmas high counts fully; one segment must not outvote the others.
 const FULL_SIGMAS: f32 = 5.0;
 /// Exact projections every so many scan steps and at the segments' ends, straight lines between: distortion bends by less than
 /// 0.05 px there.
-const NODE: usize = 32;
+const NODE_STEPS: usize = 32;
 
 /// What is scanned.
 #[derive(Clone, Copy, Debug)]
@@ -58,13 +60,13 @@ pub(crate) struct EdgeCandidate {
 /// Raises the evidence of one segment to what its mean profile shows, channel by channel.
 fn add_evidence(channels: &[Vec<f32>; 2], out: &mut [f32]) {
     let n = out.len();
-    if n < 16 + 4 * REACH {
+    if n < 16 + 4 * STEP_REACH {
         return;
     }
     let mut value = Vec::with_capacity(n);
     let mut sorted = Vec::with_capacity(n);
     for (channel, tone) in channels.iter().enumerate() {
-        let (before, after) = (&tone[REACH..n - 3 * REACH], &tone[3 * REACH..n - REACH]);
+        let (before, after) = (&tone[STEP_REACH..n - 3 * STEP_REACH], &tone[3 * STEP_REACH..n - STEP_REACH]);
         value.clear();
         value.extend(after.iter().zip(before).map(|(a, b)| (a - b).abs()));
         sorted.clear();
@@ -75,12 +77,12 @@ fn add_evidence(channels: &[Vec<f32>; 2], out: &mut [f32]) {
         let sigma = noise_of(&mut sorted, 0.5);
         if channel == 0 {
             // A thin line must be dark: the gap between two boxes.
-            let beside = tone.iter().zip(&tone[4 * REACH..]);
-            for ((v, here), (left, right)) in value.iter_mut().zip(&tone[2 * REACH..]).zip(beside) {
+            let beside = tone.iter().zip(&tone[4 * STEP_REACH..]);
+            for ((v, here), (left, right)) in value.iter_mut().zip(&tone[2 * STEP_REACH..]).zip(beside) {
                 *v = v.max(-1.5 * (here - 0.5 * (left + right)));
             }
         }
-        for (o, v) in out[2 * REACH..].iter_mut().zip(&value) {
+        for (o, v) in out[2 * STEP_REACH..].iter_mut().zip(&value) {
             let seen = ((v / sigma - 1.0) / (FULL_SIGMAS - 1.0)).clamp(0.0, 1.0);
             *o = o.max(seen); // keeps what it has where nothing is seen (NaN)
         }
@@ -100,7 +102,7 @@ impl SideScan {
         // Where the scan's nodes are in the image, at a position along the side.
         let nodes_at = |t: f64| -> Vec<Option<Px>> {
             let along = span_mm.0 + length * t;
-            let nodes = (0..steps + NODE).step_by(NODE);
+            let nodes = (0..steps + NODE_STEPS).step_by(NODE_STEPS);
             nodes.map(|k| raster.pixel(calibration, across.at(from_mm + k as f64 * step_mm, along))).collect()
         };
         let mut begin = nodes_at(0.0);
@@ -109,20 +111,20 @@ impl SideScan {
             tones.clear();
             for (n, (from, to)) in begin.windows(2).zip(end.windows(2)).enumerate() {
                 let ([Some(b), Some(b_next)], [Some(e), Some(e_next)]) = (from, to) else { continue };
-                let places = n * NODE..((n + 1) * NODE).min(steps);
-                for sample in 0..SAMPLES {
+                let places = n * NODE_STEPS..((n + 1) * NODE_STEPS).min(steps);
+                for sample in 0..SAMPLES_A_SEGMENT {
                     // Straight between the segment's ends: what perspective changes there lies along the side.
-                    let t = (sample as f64 + 0.5) / SAMPLES as f64;
+                    let t = (sample as f64 + 0.5) / SAMPLES_A_SEGMENT as f64;
                     let between = |p: &Px, q: &Px| [p.u + (q.u - p.u) * t, p.v + (q.v - p.v) * t];
                     let ([u, v], [next_u, next_v]) = (between(b, e), between(b_next, e_next));
-                    let step_px = [(next_u - u) / NODE as f64, (next_v - v) / NODE as f64];
+                    let step_px = [(next_u - u) / NODE_STEPS as f64, (next_v - v) / NODE_STEPS as f64];
                     tones.add(frame, places.clone(), Px::new(u, v), step_px);
                 }
             }
             begin = end;
             for (channel, values) in channels.iter_mut().enumerate() {
                 values.clear();
-                values.extend(tones.means(SAMPLES as u32 / 2 + 1).map(|t| t[channel]));
+                values.extend(tones.means(SAMPLES_A_SEGMENT as u32 / 2 + 1).map(|t| t[channel]));
             }
             add_evidence(&channels, out);
         }

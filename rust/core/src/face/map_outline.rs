@@ -23,11 +23,11 @@ const MAX_ANGLE_DEG: i32 = 32;
 const LEAST_EDGE: f32 = 0.15;
 const LEAST_MASK: f32 = 0.5;
 /// Peaks kept a side; more are print.
-const PEAKS: usize = 3;
+const PEAKS_A_SIDE: usize = 3;
 /// Distance of two peaks, pixels of the maps: a line is 1.9 px wide at half its height.
-const APART: f64 = 2.5;
+const PEAKS_APART: f64 = 2.5;
 /// Edge pixels nearer than this to a side, in pixels of the maps, are its own; first and last step of the fit.
-const NEAR: [f64; 5] = [4.0, 3.0, 2.5, 2.0, 1.5];
+const ON_SIDE: [f64; 5] = [4.0, 3.0, 2.5, 2.0, 1.5];
 /// Samples along a side.
 const SAMPLES: usize = 48;
 
@@ -106,7 +106,7 @@ pub(crate) fn map_outline(
 /// How many borders of the image the face reaches in the maps, and where first. `None` if it keeps clear of all.
 pub(crate) fn mask_at_border(maps: &FaceMaps) -> Option<(u8, Px)> {
     /// Border pixels that make a cut: a corner that just touches has fewer.
-    const FEWEST: usize = 4;
+    const LEAST_PIXELS: usize = 4;
     let [width, height] = maps.size();
     let mask = maps.channel(Channel::FaceMask);
     let on = |(x, y): &(usize, usize)| mask[y * width + x] >= LEAST_MASK;
@@ -116,7 +116,7 @@ pub(crate) fn mask_at_border(maps: &FaceMaps) -> Option<(u8, Px)> {
         (0..width).map(|x| (x, height - 1)).filter(on).collect(),
         (0..height).map(|y| (0, y)).filter(on).collect(),
     ];
-    let cut: Vec<_> = borders.iter().filter(|b| b.len() >= FEWEST).collect();
+    let cut: Vec<_> = borders.iter().filter(|b| b.len() >= LEAST_PIXELS).collect();
     let (x, y) = *cut.first()?.first()?;
     Some((cut.len() as u8, maps.px_from_raster(x as f64, y as f64)))
 }
@@ -174,10 +174,10 @@ fn peaks(profile: &Profile) -> Vec<f64> {
     order.sort_by(|a, b| profile.sums[*b].total_cmp(&profile.sums[*a]));
     let mut kept: Vec<usize> = Vec::new();
     for i in order {
-        if kept.len() == PEAKS {
+        if kept.len() == PEAKS_A_SIDE {
             break;
         }
-        if kept.iter().all(|k| k.abs_diff(i) as f64 * 0.5 >= APART) {
+        if kept.iter().all(|k| k.abs_diff(i) as f64 * 0.5 >= PEAKS_APART) {
             kept.push(i);
         }
     }
@@ -253,7 +253,7 @@ impl RectangleCandidate {
 
     /// Least squares of angle and offsets to the edge pixels nearby; `unit` is a pixel of the maps, mm.
     pub fn fitted(mut self, edges: &[WeightedPoint], unit: f64) -> Self {
-        for near in NEAR {
+        for near in ON_SIDE {
             let mut normal = nalgebra::SMatrix::<f64, 5, 5>::zeros();
             let mut right = nalgebra::SVector::<f64, 5>::zeros();
             for spot in edges {

@@ -39,8 +39,8 @@ pub struct Hint {
 /// Room that a view has when the hint was followed, in units of the usual margin: nobody moves exactly.
 const ROOM: [f64; 3] = [3.0, 1.5, 0.5];
 /// Distances that are tried: so many steps of 4 % either way, a factor of 4.8.
-const STEPS: i32 = 40;
-const STEP: f64 = 1.04;
+const DISTANCE_STEPS: i32 = 40;
+const DISTANCE_FACTOR: f64 = 1.04;
 /// Smaller angles than this are no instruction, rad: 2 degrees.
 const LEAST_ANGLE_RAD: f64 = 0.035;
 /// By how much to aim where only the direction is known, rad: a tenth of the field of view.
@@ -133,7 +133,7 @@ fn plans(calibration: &Calibration, pose: &FacePose) -> Vec<PlannedMoves> {
     let mut all = Vec::new();
     for roll_rad in rolls.into_iter().flatten() {
         for straighten in [false, true] {
-            for steps in -STEPS..=STEPS {
+            for steps in -DISTANCE_STEPS..=DISTANCE_STEPS {
                 for aim in [None, Some(1.0), Some(0.5), Some(0.0)] {
                     all.push(PlannedMoves { roll_rad, straighten, steps, aim });
                 }
@@ -161,7 +161,7 @@ impl PlannedMoves {
             }
             moves.push(Move::LookStraighter(tilt_rad));
         }
-        let change_mm = pose.middle.norm() * (STEP.powi(self.steps) - 1.0);
+        let change_mm = pose.middle.norm() * (DISTANCE_FACTOR.powi(self.steps) - 1.0);
         if change_mm > 0.0 {
             moves.push(Move::Farther(Some(change_mm)));
         } else if change_mm < 0.0 {

@@ -36,7 +36,7 @@ pub fn too_far(calibration: &Calibration, corners: [Point<Cam>; 4]) -> Option<Re
 }
 
 /// Between two distances that are tried.
-const STEP: f64 = 1.03;
+const DISTANCE_FACTOR: f64 = 1.03;
 
 /// One distance from which a face can be measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -62,7 +62,7 @@ pub fn working_ranges(calibration: &Calibration, length_mm: f64, width_mm: f64) 
         {
             found.push(WorkingRange { distance_mm, length, width });
         }
-        distance_mm *= STEP;
+        distance_mm *= DISTANCE_FACTOR;
     }
     found
 }

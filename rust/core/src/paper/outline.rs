@@ -20,12 +20,12 @@ const MAX_ANGLE_RAD: f64 = 0.56;
 /// Opposite sides are parallel on the plane to this: half a degree of a cell of the transform, more on an oblique face.
 const PARALLEL_RAD: f64 = 0.05;
 /// Lines whose direction is tried, and lines that are kept a side; strongest first.
-const DIRECTIONS: usize = 12;
-const KEEP: usize = 6;
+const DIRECTIONS_TRIED: usize = 12;
+const LINES_A_SIDE: usize = 6;
 /// Share of a side along which the map must show an edge: stripes and print hide some of it.
 const LEAST_SHARE: f64 = 0.5;
 /// How far from the grid the map is sampled, in its pixels: more than it is wide.
-const REACH: i32 = 640;
+const REACH_STEPS: i32 = 640;
 /// Distance from the foot of a line at which its direction on the plane is taken, px.
 const ALONG_PX: f64 = 60.0;
 
@@ -51,7 +51,7 @@ pub(crate) fn hough_outline(
     let search = Search::new(calibration, plane, map.view()).ok_or_else(|| open(0))?;
     let (lines, pixels) = lines_beside_stripes(frame, calibration, plane, map.view());
     let straights: Vec<Straight> = lines.iter().filter_map(|line| search.straight(line)).collect();
-    let found = straights.iter().take(DIRECTIONS).map(|s| search.best(&straights, s.angle_rad));
+    let found = straights.iter().take(DIRECTIONS_TRIED).map(|s| search.best(&straights, s.angle_rad));
     let best = found.max_by(|x, y| x.score().total_cmp(&y.score())).unwrap_or(Found::Sides(0));
     let level = match best {
         Found::Sides(sides_found) => return Err(open(sides_found)),
@@ -155,7 +155,7 @@ impl<'a> Search<'a> {
                 .filter(|s| s.across == across && (s.angle_rad - angle_rad).abs() < PARALLEL_RAD)
                 .map(|s| (across.offset(turned(s.through, angle_rad)), s))
                 .filter(|(offset_mm, _)| sign * offset_mm > inner)
-                .take(KEEP)
+                .take(LINES_A_SIDE)
                 .map(|(offset_mm, s)| (offset_mm, *s, at.along_side(across, offset_mm)))
                 .collect::<Vec<_>>()
         });
@@ -232,7 +232,7 @@ impl Turned<'_> {
             (inside && map.at(px) >= LEAST_PROBABILITY).then_some(())
         };
         let mut sums = vec![0.0];
-        for n in -REACH..=REACH {
+        for n in -REACH_STEPS..=REACH_STEPS {
             sums.push(sums[sums.len() - 1] + if seen(n).is_some() { 1.0 } else { 0.0 });
         }
         Profile { step_mm, sums }
@@ -242,13 +242,13 @@ impl Turned<'_> {
 /// Where the map shows a line along a straight way, in steps of a pixel of the map.
 struct Profile {
     step_mm: f64,
-    /// How many places before each, from [`REACH`] steps before 0 on, show one.
+    /// How many places before each, from [`REACH_STEPS`] steps before 0 on, show one.
     sums: Vec<f64>,
 }
 
 impl Profile {
     fn before(&self, at_mm: f64) -> f64 {
-        let index = (at_mm / self.step_mm + f64::from(REACH)).round();
+        let index = (at_mm / self.step_mm + f64::from(REACH_STEPS)).round();
         self.sums[(index.max(0.0) as usize).min(self.sums.len() - 1)]
     }
 

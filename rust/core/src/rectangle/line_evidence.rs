@@ -4,7 +4,7 @@
 use super::line_strip::{Place, strip};
 use super::stripe_ends;
 use crate::calibration::Calibration;
-use crate::edges::side_scan::{EdgeCandidate, ScanRange, SideScan};
+use crate::edges::side_scan::{EdgeCandidate, ScanRange, SideScan, TURN_PX};
 use crate::face::end_outline::innermost;
 use crate::face::extent::FaceStripes;
 use crate::face::outline::{Across, InitialRectangle, SIDES, outward_sign, span_mm};
@@ -56,7 +56,7 @@ pub(crate) struct Clues {
 }
 
 impl Clues {
-    /// In the order of [`TOLD`].
+    /// In the order of [`CLUE_WEIGHTS`].
     pub fn values(&self) -> [f64; 11] {
         [
             self.strength,
@@ -93,7 +93,7 @@ impl Line {
     /// Logarithm of its weight among the lines of the side.
     pub fn log_weight(&self) -> f64 {
         let log_odds = self.seen.map_or(self.log_odds, |seen| {
-            TOLD_BY_LINE * self.log_odds + SEEN_IN_PLANE * (seen + LEAST_SEEN).ln()
+            LINE_NETWORK_WEIGHT * self.log_odds + SIDES_NETWORK_WEIGHT * (seen + LEAST_SEEN).ln()
         });
         log_odds + self.light
     }
@@ -117,44 +117,42 @@ pub(crate) struct Evidence<'a> {
 
 /// Weights, fitted by maximum likelihood (each side's right line against its other lines) to the 860 sides of 110 rendered boxes
 /// (`boxline render --held-out --seed 7000 --count 110`).
-const TOLD: [f64; 11] = [4.60, 1.30, -2.20, 1.48, -0.30, 1.24, 1.47, 1.12, -3.73, 2.25, 3.56];
+const CLUE_WEIGHTS: [f64; 11] = [4.60, 1.30, -2.20, 1.48, -0.30, 1.24, 1.47, 1.12, -3.73, 2.25, 3.56];
 /// The same without any network, of 2,728 sides of the learning seeds (`training/weights_alone.py`); two clues are a network's.
-const TOLD_ALONE: [f64; 11] = [5.06, 0.0, -0.83, 0.94, -0.30, 0.49, 0.64, -0.44, -2.56, 2.19, 0.0];
+const CLUE_WEIGHTS_ALONE: [f64; 11] = [5.06, 0.0, -0.83, 0.94, -0.30, 0.49, 0.64, -0.44, -2.56, 2.19, 0.0];
 
 /// Weights of the networks of lines and of sides and of the stripes' light, fitted together by maximum likelihood to the sides of rendered
 /// boxes of the learning seeds (`training/weights.py`); that of the network of sides is of the probability of a place and a little, so
 /// that it never rules one out. Light that goes on beyond a line on both stripes says nothing: the networks tell a flush neighbour from
 /// print.
-const TOLD_BY_LINE: f64 = 0.71;
-const SEEN_IN_PLANE: f64 = 1.22;
+const LINE_NETWORK_WEIGHT: f64 = 0.71;
+const SIDES_NETWORK_WEIGHT: f64 = 1.22;
 const LEAST_SEEN: f64 = 1e-3;
 const LIGHT_ON_ONE: f64 = -0.038;
 const LIGHT_MISSING: f64 = -0.335;
 /// Places that it gives this probability are looked at as well, however weak their edge is, and if no edge of the picture is within so
 /// many px (some of its bins): what is no candidate cannot make another less sure.
-const LIKELY: f64 = 0.03;
+const LIKELY_PLACE: f64 = 0.03;
 const SEEN_APART_PX: f64 = 20.0;
 
 /// The network's probability of an edge counts up to this: it also draws lines of print, and surely.
 const NETWORK_MOST: f32 = 0.4;
 /// A line that is less likely than the best by this before its corners and it are looked at is none: of 5,294 sides of rendered faces, no
 /// right line was less likely by 5.
-const HOPELESS: f64 = 6.0;
+const MOST_BEHIND_BEST: f64 = 6.0;
 /// Lines of a side that are found, that are kept whatever the network of sides says, their distance and the least share of the side on which they are seen.
-const MANY: usize = 60;
-const KEEP: usize = 14;
-const APART_PX: f64 = 5.0;
+const FOUND_LINES: usize = 60;
+const KEPT_LINES: usize = 14;
+const LINES_APART_PX: f64 = 5.0;
 const LEAST_STRENGTH: f32 = 0.35;
-/// A line may be turned against the raster by this much from end to end, px.
-const DRIFT_PX: f64 = 8.0;
 /// Guesses of all sides together; most stay from the second on.
 const MOST_GUESSES: usize = 3;
 /// Stretches to both sides of a line that are looked at begin and end so far from it, px.
 const WINDOW_PX: (f64, f64) = (8.0, 80.0);
 /// A stripe's end and a line are at the same place or not, px: single ends scatter by 2 px, traced ones by a block of rows.
-const SAME_PX: f64 = 5.0;
-const OTHER_PX: f64 = 8.0;
-const SAME_TRACED_PX: f64 = 12.0;
+const END_AT_LINE_PX: f64 = 5.0;
+const END_ELSEWHERE_PX: f64 = 8.0;
+const TRACED_END_AT_LINE_PX: f64 = 12.0;
 /// The outline's side is this line if it is no farther, px.
 const OUTLINE_PX: f64 = 12.0;
 /// Evidence of a stripe that one place of 8 px gives, and the most that counts: print hides it for a while.
@@ -219,20 +217,21 @@ impl Evidence<'_> {
         let (from_mm, to_mm) = if high { (inner, outer) } else { (-outer, -inner) };
         let range = ScanRange { across, from_mm, to_mm, span_mm, step_mm: 0.8 * px };
         let scan = SideScan::new(self.frame, self.calibration, self.raster, &range);
-        let mut found = scan.candidates(DRIFT_PX * px, APART_PX * px, LEAST_STRENGTH, MANY);
-        if found.len() > KEEP {
-            let weaker = found.split_off(KEEP);
+        let mut found = scan.candidates(TURN_PX * px, LINES_APART_PX * px, LEAST_STRENGTH, FOUND_LINES);
+        if found.len() > KEPT_LINES {
+            let weaker = found.split_off(KEPT_LINES);
             let likely = |e: &EdgeCandidate| {
-                self.seen.is_some_and(|(axes, odds)| odds.at(side, axes.bin(side, e.offset_mm)) >= LIKELY)
+                self.seen
+                    .is_some_and(|(axes, odds)| odds.at(side, axes.bin(side, e.offset_mm)) >= LIKELY_PLACE)
             };
             found.extend(weaker.into_iter().filter(likely));
         }
         let own = offsets_mm[side];
-        if found.iter().all(|e| (e.offset_mm - own).abs() > APART_PX * px) {
+        if found.iter().all(|e| (e.offset_mm - own).abs() > LINES_APART_PX * px) {
             found.push(EdgeCandidate { offset_mm: own, strength: 0.0 });
         }
         if let Some((axes, odds)) = self.seen {
-            for bin in odds.likely(side, LIKELY) {
+            for bin in odds.likely(side, LIKELY_PLACE) {
                 let offset_mm = axes.offset_mm(side, bin);
                 let out_mm = outward_sign(side) * offset_mm;
                 let apart = |e: &EdgeCandidate| (e.offset_mm - offset_mm).abs() > SEEN_APART_PX * px;
@@ -244,9 +243,10 @@ impl Evidence<'_> {
         let stripes = self.stripe_sums(side);
         let known: Vec<Clues> =
             found.iter().map(|e| self.without_corners(side, offsets_mm, &stripes, e)).collect();
-        let weights = if self.network.is_some() { &TOLD } else { &TOLD_ALONE };
+        let weights = if self.network.is_some() { &CLUE_WEIGHTS } else { &CLUE_WEIGHTS_ALONE };
         let best = known.iter().map(|clues| clues.log_odds(weights)).fold(f64::NEG_INFINITY, f64::max);
-        let likely = found.iter().zip(&known).filter(|(_, clues)| clues.log_odds(weights) > best - HOPELESS);
+        let likely =
+            found.iter().zip(&known).filter(|(_, clues)| clues.log_odds(weights) > best - MOST_BEHIND_BEST);
         let lines = likely.map(|(e, known)| {
             let (stop, seen) = self.corners(side, offsets_mm, e.offset_mm);
             let stripes_light = self.lit.at(self.calibration, self.raster, side, e.offset_mm);
@@ -331,8 +331,8 @@ impl Evidence<'_> {
             self.wide.half_width_px,
         );
         let off_px = ends.map_or(f64::INFINITY, |e| (e.outwards_mm / e.mm_per_px).abs());
-        let elsewhere = ends.is_some_and(|e| e.agree) && off_px > OTHER_PX;
-        let same_mm = SAME_TRACED_PX * px;
+        let elsewhere = ends.is_some_and(|e| e.agree) && off_px > END_ELSEWHERE_PX;
+        let same_mm = TRACED_END_AT_LINE_PX * px;
         let goes_on = |s: &StripeSum| s.end_mm - out_mm > same_mm && s.lost(out_mm) > LEAST_LOST;
         let run_on = flag(stripes.iter().all(goes_on));
         let leave = stripes.iter().all(|s| (s.end_mm - out_mm).abs() < same_mm);
@@ -342,7 +342,7 @@ impl Evidence<'_> {
             strength: f64::from(edge.strength),
             network: f64::from(network),
             ends_elsewhere: flag(elsewhere),
-            end_here: flag(off_px <= SAME_PX),
+            end_here: flag(off_px <= END_AT_LINE_PX),
             ended_before,
             leaves_plane: flag(leave),
             outline: flag((offset - self.outline.offsets_mm[side]).abs() <= OUTLINE_PX * px),

@@ -17,7 +17,7 @@ const SAME_EDGE_PX: f64 = 7.0;
 const SAME_EDGE_SHARE: f64 = 0.4;
 
 /// Lines nearer than this are one, px ...
-const ONE_PX: f64 = 4.0;
+const SAME_LINE_PX: f64 = 4.0;
 /// ... and one that has this share of the weight of all that are near speaks ten to one against the line that was measured.
 const LEAST_OF_DOUBLE: f64 = 0.9;
 
@@ -53,7 +53,7 @@ impl NearbyLines {
             off_mm(line) * if same_edge { SAME_EDGE_SHARE } else { 1.0 }
         };
         let variance: f64 = near.iter().map(|line| line.share / total * pull_mm(line).powi(2)).sum();
-        let other = near.iter().filter(|line| off_mm(line) > ONE_PX * mm_per_px);
+        let other = near.iter().filter(|line| off_mm(line) > SAME_LINE_PX * mm_per_px);
         let other = other
             .max_by(|a, b| a.share.total_cmp(&b.share))
             .map(|line| (outward_sign * (line.offset_mm - here_mm), line.share / total));

@@ -30,7 +30,7 @@ pub(crate) struct Pair {
 }
 
 /// Lines nearer than this are the same side, px: what lies between is decided where the edge is measured.
-const SAME_PX: f64 = 10.0;
+const SAME_SIDE_PX: f64 = 10.0;
 /// That the likeliest line of a side is right, as a logistic function: a constant, and the weights of the logarithms of the odds that
 /// two judges give it who do not know each other, all evidence but the network of sides and that network, of a pixel's size on the
 /// face, mm, of what the stripes' light says, and of the logarithm of what all of it together leaves for other lines. Each judge is too
@@ -44,8 +44,8 @@ const LEAST_LEFT: f64 = 1e-6;
 /// Odds of both count up to these: of sides that the first calls surer than that, one in some hundred is wrong all the same.
 const MOST_ODDS: [f64; 2] = [150.0, 1e4];
 /// Outlines that are kept, and the least probability of one.
-const MOST: usize = 10;
-const LEAST: f64 = 0.01;
+const MOST_OUTLINES: usize = 10;
+const LEAST_PROBABILITY: f64 = 0.01;
 
 /// Lines of a side that are the same.
 #[derive(Clone, Copy, Debug)]
@@ -86,11 +86,14 @@ pub(crate) fn outlines(
                 (probability * choice.probability, chosen)
             })
         };
-        combined =
-            combined.iter().flat_map(longer).filter(|(probability, _)| *probability >= LEAST).collect();
+        combined = combined
+            .iter()
+            .flat_map(longer)
+            .filter(|(probability, _)| *probability >= LEAST_PROBABILITY)
+            .collect();
     }
     combined.sort_by(|a, b| b.0.total_cmp(&a.0));
-    combined.truncate(MOST);
+    combined.truncate(MOST_OUTLINES);
     let rival = |(probability, chosen): (f64, [usize; 4])| {
         let choice = |side: usize| sides[side][chosen[side]];
         let pair = |low: usize| Pair {
@@ -109,7 +112,7 @@ pub(crate) fn outlines(
 
 /// Lines that are the same side taken together, likeliest first; the likeliest of those beside each other stands for them.
 fn choices(mut lines: Vec<Line>, mm_per_px: f64) -> Vec<Choice> {
-    let same_mm = SAME_PX * mm_per_px;
+    let same_mm = SAME_SIDE_PX * mm_per_px;
     let weight = softmax(&lines, Line::log_weight);
     let share = softmax(&lines, |line| line.log_odds);
     lines.sort_by(|a, b| b.log_weight().total_cmp(&a.log_weight()));

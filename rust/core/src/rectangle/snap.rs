@@ -3,7 +3,7 @@
 
 use super::corners_outside;
 use crate::calibration::Calibration;
-use crate::edges::side_scan::{EdgeCandidate, ScanRange, SideScan};
+use crate::edges::side_scan::{EdgeCandidate, ScanRange, SideScan, TURN_PX};
 use crate::face::end_outline::{END_TOLERANCE_PX, LIMIT_BEYOND_PX, ends_by_side, innermost};
 use crate::face::extent::FaceStripes;
 use crate::face::outline::{InitialRectangle, SIDES, outward_sign, span_mm};
@@ -13,9 +13,7 @@ use crate::reject::Reject;
 /// Scatter of a stripe's end about the edge, px, beyond the places that were not seen: the rounding takes 1 to 5 px.
 const END_SIGMA_PX: f64 = 3.0;
 /// Two edges are one if they are closer than this, px.
-const APART_PX: f64 = 4.0;
-/// A side may be turned against the raster by this much from end to end, px.
-const DRIFT_PX: f64 = 8.0;
+const EDGES_APART_PX: f64 = 4.0;
 /// How far beside a side's line its edge may be found, 1 sigma and at most, px: the line is an edge of the picture itself, seen from end
 /// to end; what is farther away is another line, with a probability of its own.
 const LINE_SIGMA_PX: f64 = 4.0;
@@ -84,7 +82,7 @@ pub(crate) fn snap_to_image(
             e.strength * (agreement(e.offset_mm - offset, sigma) * by_ends.unwrap_or(1.0)) as f32
         };
         let mut edges: Vec<EdgeCandidate> = scan
-            .candidates(DRIFT_PX * px, APART_PX * px, SUPPORT, usize::MAX)
+            .candidates(TURN_PX * px, EDGES_APART_PX * px, SUPPORT, usize::MAX)
             .into_iter()
             .filter(|e| (e.offset_mm - offset).abs() <= reach)
             .collect();

@@ -12,12 +12,12 @@ use nalgebra::{Matrix3, Vector3};
 /// Pieces of a side, each with a place of its own: what is longer than a twelfth of the side is seen.
 const PIECES: usize = 12;
 /// Fewest points in a piece, fewest pieces for a bow.
-const FEWEST: usize = 3;
-const FEWEST_PIECES: usize = 5;
+const LEAST_POINTS: usize = 3;
+const LEAST_PIECES: usize = 5;
 
 /// What a bow's square over its variance may be on a straight side: one sound face in a thousand has a side with more. Student's
-/// distribution, two-sided, 1 in 4,000, with 2, 3 ... 9 degrees of freedom: those of 5 ([`FEWEST_PIECES`]), 6 ... 12 pieces.
-const LIMITS: [f64; PIECES - FEWEST_PIECES + 1] = [3998.2, 424.5, 151.6, 85.3, 59.4, 46.4, 38.9, 34.0];
+/// distribution, two-sided, 1 in 4,000, with 2, 3 ... 9 degrees of freedom: those of 5 ([`LEAST_PIECES`]), 6 ... 12 pieces.
+const LIMITS: [f64; PIECES - LEAST_PIECES + 1] = [3998.2, 424.5, 151.6, 85.3, 59.4, 46.4, 38.9, 34.0];
 /// A smaller bow is not worth a word: sides are meant to be good to this, mm.
 const WORTH_MM: f64 = 1.0;
 /// Least sigma of a bow, mm: pieces that agree by chance do not make one certain.
@@ -37,7 +37,7 @@ pub(super) struct Side {
 pub(super) fn of_sides(fit: &FittedRectangle) -> [Side; 4] {
     std::array::from_fn(|side| {
         let pieces = pieces(fit, side);
-        if pieces.len() >= FEWEST_PIECES { of_pieces(&pieces).unwrap_or_default() } else { Side::default() }
+        if pieces.len() >= LEAST_PIECES { of_pieces(&pieces).unwrap_or_default() } else { Side::default() }
     })
 }
 
@@ -49,7 +49,7 @@ pub(super) fn bowed(sides: &[Side; 4]) -> Option<Warning> {
 
 impl Side {
     fn bowed(&self) -> Option<Warning> {
-        let limit = *LIMITS.get(self.pieces.checked_sub(FEWEST_PIECES)?)?;
+        let limit = *LIMITS.get(self.pieces.checked_sub(LEAST_PIECES)?)?;
         let Estimate { value_mm, sigma_mm } = self.reported.sagitta;
         let sigma = sigma_mm.max(LEAST_SIGMA_MM);
         let chi_square = (value_mm / sigma).powi(2);
@@ -82,7 +82,10 @@ fn pieces(fit: &FittedRectangle, side: usize) -> Vec<Piece> {
         let outwards = Estimate::new(mean, scatter.max(0.0).sqrt());
         Piece { at: 2.0 * (along - from) / length - 1.0, outwards }
     };
-    rows.chunks(rows.len().div_ceil(PIECES).max(FEWEST)).filter(|p| p.len() >= FEWEST).map(of_piece).collect()
+    rows.chunks(rows.len().div_ceil(PIECES).max(LEAST_POINTS))
+        .filter(|p| p.len() >= LEAST_POINTS)
+        .map(of_piece)
+        .collect()
 }
 
 fn of_pieces(pieces: &[Piece]) -> Option<Side> {
@@ -159,7 +162,7 @@ mod tests {
             };
             20.0 * ((0..12).map(|_| unit()).sum::<f64>() - 6.0)
         };
-        for count in FEWEST_PIECES..=PIECES {
+        for count in LEAST_PIECES..=PIECES {
             let mut face = || {
                 [(); 4].map(|()| {
                     let at = |k: usize| 2.0 * k as f64 / (count - 1) as f64 - 1.0;

@@ -44,8 +44,8 @@ const LEAST_NOISE: f64 = 0.5;
 /// Blur carries a step so far beyond the end, px, and it scatters by so much: a single one, the mean of two that agree (rendered
 /// stripes).
 const BLUR_PX: f64 = 0.6;
-const ONE_PX: f64 = 2.0;
-const TWO_PX: f64 = 1.2;
+const SIGMA_OF_ONE_PX: f64 = 2.0;
+const SIGMA_OF_TWO_PX: f64 = 1.2;
 /// How far two ends of a side that agree may differ, px.
 const AGREE_PX: f64 = 5.0;
 
@@ -68,8 +68,8 @@ pub(crate) fn find(
         .collect();
     let mm_per_px = ends.iter().map(|e| e.1).sum::<f64>() / ends.len() as f64;
     let (px, sigma_px, agree) = match ends[..] {
-        [(px, _)] => (px, ONE_PX, false),
-        [(p, _), (q, _)] if (p - q).abs() < AGREE_PX => (0.5 * (p + q), TWO_PX, true),
+        [(px, _)] => (px, SIGMA_OF_ONE_PX, false),
+        [(p, _), (q, _)] if (p - q).abs() < AGREE_PX => (0.5 * (p + q), SIGMA_OF_TWO_PX, true),
         _ => return None,
     };
     Some(StripeEnds {

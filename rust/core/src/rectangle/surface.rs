@@ -11,9 +11,9 @@ use crate::statistics::{median, robust_sigma};
 use crate::units::Estimate;
 
 /// Pieces of each stripe: a bulge over the whole face is 12 pieces wide.
-const PIECES: usize = 12;
+const PIECES_A_STRIPE: usize = 12;
 /// Fewest centres in a piece.
-const FEWEST: usize = 3;
+const LEAST_CENTRES: usize = 3;
 
 /// Mean height of each piece of each stripe that lies between the corners, in the order of the lasers, along each.
 pub(super) fn surface(
@@ -24,11 +24,11 @@ pub(super) fn surface(
     let middle = corners.iter().sum::<OnPlane>() * 0.25;
     let along_length = (corners[1] - corners[0]).normalize();
     let along_width = (corners[3] - corners[0]).normalize();
-    let mut found = Vec::with_capacity(4 * PIECES);
+    let mut found = Vec::with_capacity(4 * PIECES_A_STRIPE);
     for laser in 0..4 {
         let of_stripe: Vec<&Row> = fit.rows.iter().filter(|r| r.source == Source::Stripe(laser)).collect();
-        let size = of_stripe.len().div_ceil(PIECES).max(FEWEST);
-        for piece in of_stripe.chunks(size).filter(|p| p.len() >= FEWEST) {
+        let size = of_stripe.len().div_ceil(PIECES_A_STRIPE).max(LEAST_CENTRES);
+        for piece in of_stripe.chunks(size).filter(|p| p.len() >= LEAST_CENTRES) {
             let places = piece.iter().filter_map(|r| fit.raster.on_plane(calibration, r.at));
             let at = places.sum::<OnPlane>() / piece.len() as f64 - middle;
             let height = height(fit, piece);

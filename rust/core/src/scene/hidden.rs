@@ -11,9 +11,9 @@ use crate::view::SideOdds;
 
 /// What the network of sides says of a hidden side from which a face is refused for it: 0.9 % of 1,599 sound faces of the learning and
 /// choosing seeds are.
-const HIDDEN: f64 = 0.75;
+const HIDDEN_PROBABILITY: f64 = 0.75;
 /// Odds that something hides a piece of a face which is looked at, an assumption (one in twenty), over those of the network's training (30
-/// hidden ones to 66 whole ones): what is less than [`HIDDEN`] makes the face less sure.
+/// hidden ones to 66 whole ones): what is less than [`HIDDEN_PROBABILITY`] makes the face less sure.
 const HIDDEN_ODDS: f64 = (0.05 / 0.95) / (0.30 / 0.66);
 /// How much oftener both stripes of a side jump to an object at its line where something hides a piece of the face than where nothing
 /// does: at 4 of 320 hidden faces and none of 756 sound ones of the learning and choosing seeds, half a face added to each.
@@ -57,7 +57,7 @@ impl HiddenSides {
 
     /// Probability that nothing hides a piece of the face, or that it does no harm.
     pub fn chance_that_free(&self) -> f64 {
-        let probability = self.probabilities.into_iter().fold(0.0, f64::max).min(HIDDEN);
+        let probability = self.probabilities.into_iter().fold(0.0, f64::max).min(HIDDEN_PROBABILITY);
         let odds = probability / (1.0 - probability) * HIDDEN_ODDS;
         1.0 - HIDDEN_WRONG * odds / (1.0 + odds)
     }
@@ -65,7 +65,7 @@ impl HiddenSides {
     /// The refusal of a face of which something in front hides a piece.
     pub fn refusal(&self, calibration: &Calibration, outline: &InitialRectangle) -> Option<Reject> {
         let Self { probabilities, objects } = self;
-        let limit = objects.map(|object| if object.is_some() { AT_OBJECTS_EDGE } else { HIDDEN });
+        let limit = objects.map(|object| if object.is_some() { AT_OBJECTS_EDGE } else { HIDDEN_PROBABILITY });
         let over = |side: &usize| probabilities[*side] / limit[*side];
         let hidden = || (0..4usize).filter(|side| over(side) >= 1.0);
         let side = hidden().max_by(|i, j| over(i).total_cmp(&over(j)))?;

@@ -8,6 +8,7 @@
 
 use super::lit::red_light;
 use crate::calibration::Calibration;
+use crate::edges::LEAST_SCATTER;
 use crate::face::extent::crossing_on_px;
 use crate::face::outline::{SIDES, outward_sign};
 use crate::face::raster::PlaneRaster;
@@ -18,18 +19,16 @@ use crate::stripe::stripe_line::{ScanDirection, StripeLine};
 use crate::units::{LaserId, Px};
 
 /// Light is looked for from so far inside a side's line to so far beyond it, rows (or columns) along the stripe ...
-const INSIDE: i32 = 160;
-const BEYOND: i32 = 220;
+const INSIDE_PX: i32 = 160;
+const BEYOND_PX: i32 = 220;
 /// ... and up to so far from the stripe, px along a row: 240 mm of height at 0.7 m, 700 mm at 1.2 m.
-const REACH: i32 = 170;
+const REACH_ACROSS_PX: i32 = 170;
 /// Half width of a stripe's middle, and where its surroundings begin and how wide they are: half widths of its foot (bounds in px), and px.
 const MIDDLE: (f64, f64, f64) = (0.3, 1.0, 5.0);
 const BESIDE: (f64, f64, f64) = (1.0, 4.0, 20.0);
 const BESIDE_PX: i32 = 5;
-/// Least scatter of light in a row, share of full scale: a step of a byte in the middle of its range.
-const LEAST_SCATTER: f32 = 0.004;
 /// Light over scatter from which a row speaks for a stripe, how fast, and the bounds of what it says.
-const EVEN: f32 = 1.5;
+const EVEN_ODDS_LIGHT: f32 = 1.5;
 const PER_SCATTER: f32 = 0.5;
 const LEAST_ROW: f32 = -1.5;
 const MOST_ROW: f32 = 2.0;
@@ -132,8 +131,8 @@ impl<'a> Strip<'a> {
             (share * half_width_px / factor).clamp(low, high).round() as i32
         };
         let mut guess = scan.across(on_face.px);
-        let mut places = Vec::with_capacity((INSIDE + BEYOND + 1) as usize);
-        for step in -INSIDE..=BEYOND {
+        let mut places = Vec::with_capacity((INSIDE_PX + BEYOND_PX + 1) as usize);
+        for step in -INSIDE_PX..=BEYOND_PX {
             let row = first as i32 + outwards * step;
             guess = scan.across(stripe.place_at(calibration, f64::from(row), guess)?.px);
             places.push((row, guess.round() as i32));
@@ -162,7 +161,7 @@ impl<'a> Strip<'a> {
         };
         // Running sums from the innermost column on.
         let inner = self.nearest() - self.beside - BESIDE_PX;
-        let columns = (inner..=REACH + self.beside + BESIDE_PX)
+        let columns = (inner..=REACH_ACROSS_PX + self.beside + BESIDE_PX)
             .map(|d| centre + self.nearer * d)
             .take_while(|c| (0..columns).contains(c));
         let mut sums = vec![0.0];
@@ -180,7 +179,7 @@ impl<'a> Strip<'a> {
             let far = mean(d + self.beside, d + self.beside + BESIDE_PX)?;
             Some(mean(d - self.middle, d + self.middle)? - near.max(far))
         };
-        let mut light: Vec<f32> = (self.nearest()..=REACH).map_while(over_surroundings).collect();
+        let mut light: Vec<f32> = (self.nearest()..=REACH_ACROSS_PX).map_while(over_surroundings).collect();
         let mut sizes: Vec<f32> = light.iter().map(|l| l.abs()).collect();
         if let Some(scatter) = robust_sigma_f32(&mut sizes) {
             light.iter_mut().for_each(|l| *l /= scatter.max(LEAST_SCATTER));
@@ -192,7 +191,7 @@ impl<'a> Strip<'a> {
     fn brightest(&self) -> Option<Piece> {
         let mut best = Piece::default();
         let mut before: Vec<Piece> = Vec::new();
-        for (step, place) in (-INSIDE..).zip(&self.places) {
+        for (step, place) in (-INSIDE_PX..).zip(&self.places) {
             let light = self.light(*place);
             let mut now = vec![Piece::default(); light.len()];
             for (d, (light, piece)) in light.iter().zip(&mut now).enumerate() {
@@ -237,7 +236,7 @@ impl<'a> Strip<'a> {
         if !clear || jump * self.factor < LEAST_JUMP_PX || at_line < LEADS_BACK * jump {
             return None;
         }
-        let (row, centre) = *self.places.get((piece.first + INSIDE) as usize)?;
+        let (row, centre) = *self.places.get((piece.first + INSIDE_PX) as usize)?;
         let (row, column) = (f64::from(row), f64::from(centre) + f64::from(self.nearer) * jump);
         let at = if self.scan == ScanDirection::Rows { Px::new(column, row) } else { Px::new(row, column) };
         let edge = calibration.laser(self.id).intersect(&calibration.camera().ray_from_px(at))?;
@@ -253,7 +252,7 @@ impl<'a> Strip<'a> {
 
 /// What a row says for a stripe; still a little more where it is brighter, so that a path keeps to the middle.
 fn row_says(light: f32) -> f32 {
-    let log_ratio = PER_SCATTER * (light - EVEN);
+    let log_ratio = PER_SCATTER * (light - EVEN_ODDS_LIGHT);
     if log_ratio > 0.0 { log_ratio / (1.0 + log_ratio / MOST_ROW) } else { log_ratio.max(LEAST_ROW) }
 }
 

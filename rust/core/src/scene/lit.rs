@@ -8,7 +8,7 @@
 //! missing inside, speaks against the line.
 
 use crate::calibration::Calibration;
-use crate::edges::linear_light;
+use crate::edges::{LEAST_SCATTER, linear_light};
 use crate::face::extent::{FaceStripes, crossing_on_px, inner_segment};
 use crate::face::outline::{InitialRectangle, SIDES, outward_sign};
 use crate::face::raster::PlaneRaster;
@@ -25,24 +25,22 @@ const MIDDLE: (f64, f64, f64) = (0.35, 1.0, 6.0);
 const BESIDE: (f64, f64, f64) = (1.1, 5.0, 20.0);
 /// Surroundings are so wide, px; the scatter is that of so many places beyond them on both sides.
 const BESIDE_PX: i32 = 5;
-const PLACES: i32 = 6;
+const SCATTER_PLACES: i32 = 6;
 /// What light is expected at least, of what a row's red would add as other rows do; and of what is left up to the picture's limit.
-const EXPECTED: f32 = 0.35;
-const UP_TO: f32 = 0.7;
-/// Least scatter, share of full scale: a step of a byte in the middle of its range.
-const LEAST_SCATTER: f32 = 0.004;
+const EXPECTED_SHARE: f32 = 0.35;
+const SATURATED_SHARE: f32 = 0.7;
 /// How likely a row is that is neither lit as expected nor unlit, beside the likeliest one: print. No row says more than this leaves, 2.0.
-const UNLIKE: f32 = 0.15;
+const PRINT_LIKELIHOOD: f32 = 0.15;
 
 /// A verdict needs odds of 150 to 1 if rows were independent; a stripe's speckle makes neighbours alike (`stripe/trace`): some 10 to 1.
-const TOLD: f64 = 5.0;
+const VERDICT_LOG_ODDS: f64 = 5.0;
 /// What is looked at on both sides of a line, px along the stripe: from where blur and rounding are over to any of these, since single rows
 /// may lie on anything; and for a verdict.
 const NEAREST_PX: f64 = 6.0;
 const ENDS_PX: [f64; 4] = [12.0, 18.0, 24.0, 30.0];
 const VERDICT_PX: f64 = 18.0;
 /// Most that a stripe says: rows beside each other see the same, and a surface that bends away a little is taken for the face's.
-const MOST: f64 = 20.0;
+const MOST_LOG_ODDS: f64 = 20.0;
 
 /// A stripe's line, where it crosses another line, and a place farther out.
 type Crossing<'a> = (&'a LitLine, Px, Px);
@@ -84,13 +82,14 @@ impl LitLines {
             // Running sums outwards or inwards, for light or against it.
             let most = |sign: f64, outwards: f64| {
                 let sum = |to: f64| sign * line.between(at, beyond, [NEAREST_PX, to].map(|px| outwards * px));
-                ENDS_PX.map(sum).into_iter().fold(0.0, f64::max).min(MOST)
+                ENDS_PX.map(sum).into_iter().fold(0.0, f64::max).min(MOST_LOG_ODDS)
             };
             [most(1.0, 1.0), most(-1.0, -1.0), line.to_border(at, beyond)]
         };
         let crossings = self.crossings(calibration, raster, side, offset_mm);
         // A stripe that cannot be followed has no light anywhere.
-        let of_crossing = |crossing: Option<Crossing<'_>>| crossing.map_or([0.0, 0.0, -MOST], of_stripe);
+        let of_crossing =
+            |crossing: Option<Crossing<'_>>| crossing.map_or([0.0, 0.0, -MOST_LOG_ODDS], of_stripe);
         let [[p, no_p, border_p], [q, no_q, border_q]] = crossings.map(of_crossing);
         StripeLight { beyond: [p.min(q), p.max(q)], missing: no_p + no_q, to_border: border_p.max(border_q) }
     }
@@ -128,11 +127,14 @@ impl LitLines {
         };
         let crossings = self.crossings(calibration, raster, side, offset_mm);
         let stripes = crossings.map(|crossing| crossing.map(of_stripe).unwrap_or_default());
-        if stripes.iter().any(|[inside, _]| *inside < -TOLD) {
+        if stripes.iter().any(|[inside, _]| *inside < -VERDICT_LOG_ODDS) {
             SideLight::Contradicted
-        } else if stripes.iter().any(|[_, beyond]| *beyond > TOLD) {
+        } else if stripes.iter().any(|[_, beyond]| *beyond > VERDICT_LOG_ODDS) {
             SideLight::Open
-        } else if stripes.iter().any(|[inside, beyond]| *inside > TOLD && *beyond < -TOLD) {
+        } else if stripes
+            .iter()
+            .any(|[inside, beyond]| *inside > VERDICT_LOG_ODDS && *beyond < -VERDICT_LOG_ODDS)
+        {
             SideLight::Confirmed
         } else {
             SideLight::Dark
@@ -231,7 +233,7 @@ impl LitLine {
         } else {
             (0..=from).rev().for_each(&mut take)
         }
-        (f64::from(sum).min(MOST) - f64::from(most_lost)).clamp(-MOST, MOST)
+        (f64::from(sum).min(MOST_LOG_ODDS) - f64::from(most_lost)).clamp(-MOST_LOG_ODDS, MOST_LOG_ODDS)
     }
 
     /// What the rows between two distances outwards of a place say, px along the stripe; `beyond` is a pixel farther out.
@@ -268,8 +270,8 @@ impl Row {
         }
         let [dark, bright] = [self.ambient[0].min(self.ambient[1]), self.ambient[0].max(self.ambient[1])];
         let [least, most] = [self.light[0].min(self.light[1]), self.light[0].max(self.light[1])];
-        let expected = EXPECTED * (share * dark).min(UP_TO * (1.0 - bright)).max(0.0);
-        let likelihood = |off: f32| UNLIKE + (-0.5 * (off / self.scatter).powi(2)).exp();
+        let expected = EXPECTED_SHARE * (share * dark).min(SATURATED_SHARE * (1.0 - bright)).max(0.0);
+        let likelihood = |off: f32| PRINT_LIKELIHOOD + (-0.5 * (off / self.scatter).powi(2)).exp();
         let unlit = least.max(0.0) - most.min(0.0);
         (likelihood((expected - most).max(0.0)) / likelihood(unlit)).ln()
     }
@@ -291,7 +293,7 @@ fn look(frame: &Frame, scan: ScanDirection, row: i32, centre: i32, middle: i32, 
         ScanDirection::Columns => (frame.width_px(), frame.height_px()),
     };
     let step = 2 * middle + 1;
-    let reach = beside + BESIDE_PX + step * (PLACES + 1);
+    let reach = beside + BESIDE_PX + step * (SCATTER_PLACES + 1);
     let inside = |c: i32| (0..columns as i32).contains(&c);
     if !(inside(centre - beside - BESIDE_PX) && inside(centre + beside + BESIDE_PX)) {
         return Row::default();
@@ -311,12 +313,12 @@ fn look(frame: &Frame, scan: ScanDirection, row: i32, centre: i32, middle: i32, 
     let unlit = (centre - middle..=centre + middle).map(|column| red_light(frame, at(column))[1]);
     let ambient = if frame.has_ambient() { [unlit.sum::<f32>() / step as f32; 2] } else { [left, right] };
     // The same at places where the stripe is not.
-    let mut others: Vec<f32> = Vec::with_capacity(2 * PLACES as usize);
+    let mut others: Vec<f32> = Vec::with_capacity(2 * SCATTER_PLACES as usize);
     let low = (centre - reach).max(0);
     let high = (centre + reach).min(columns as i32 - 1);
     for side in [-1, 1] {
         let mut before: Option<f32> = None;
-        for place in 0..=PLACES {
+        for place in 0..=SCATTER_PLACES {
             let at = centre + side * (beside + BESIDE_PX + place * step + middle + 1);
             if at - middle < low || at + middle > high {
                 break;

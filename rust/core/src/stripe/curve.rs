@@ -15,17 +15,17 @@ pub(crate) struct Curve {
 }
 
 /// Fewest steps along a curve.
-const FEWEST: u32 = 8;
+const LEAST_STEPS: u32 = 8;
 /// Most: every pixel across the largest image.
-const MOST: f32 = 20_000.0;
+const MOST_STEPS: f32 = 20_000.0;
 /// Bits of a place's fraction. After a thousand steps a rounded second difference is off by a hundred-millionth of a pixel.
 const FRACTION: u32 = 40;
 
 /// Steps of at most `every_px` along a length.
 pub(crate) fn steps_for(length_px: f32, every_px: f32) -> u32 {
-    let wanted = (length_px / every_px).min(MOST);
+    let wanted = (length_px / every_px).min(MOST_STEPS);
     let whole = wanted as u32;
-    (whole + u32::from(wanted > whole as f32)).max(FEWEST)
+    (whole + u32::from(wanted > whole as f32)).max(LEAST_STEPS)
 }
 
 impl Curve {
@@ -128,8 +128,8 @@ mod tests {
             let middle = [0, 1].map(|i| 0.5 * (a[i] + b[i]) + bend[i]);
             let curve = Curve::new(a, middle, b, every_px);
             let length = (b[0] - a[0]).hypot(b[1] - a[1]);
-            prop_assert!(curve.steps >= FEWEST);
-            prop_assert!(curve.steps == FEWEST || (curve.steps as f32 - length / every_px - 0.5).abs() < 0.51);
+            prop_assert!(curve.steps >= LEAST_STEPS);
+            prop_assert!(curve.steps == LEAST_STEPS || (curve.steps as f32 - length / every_px - 0.5).abs() < 0.51);
             let (mut want, mut unsure) = ([0.0; 2], 0.0);
             for s in 0..=curve.steps {
                 let t = s as f32 / curve.steps as f32;
