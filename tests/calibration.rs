@@ -120,7 +120,8 @@ fn how_subsets_scatter_in_their_own_sigmas() {
         for part in 0..3 {
             let pick: Vec<usize> = (0..9).map(|k| (part * 9 + k) * step % views.len()).collect();
             let chosen = pick.iter().map(|i| views[*i].clone()).collect();
-            let solved = solve_camera(chosen, &board, CalibrationSettings::default()).and_then(|camera| {
+            let camera = solve_camera(chosen, &board, CalibrationSettings::default());
+            let solved = camera.map_err(CalibrationReject::from).and_then(|camera| {
                 let stripes: Vec<Vec<BoardStripe>> =
                     pick.iter().enumerate().map(|(k, i)| camera.find_stripes(k, &load(*i))).collect();
                 solve_all(camera, &stripes)

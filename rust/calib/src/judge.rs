@@ -24,13 +24,13 @@ pub(super) const MIN_LASER_FRAMES: usize = 5;
 const MAX_RATIO_ERROR: f64 = 0.05;
 
 /// More circles than the board has, in either orientation?
-pub(super) fn check_counts(views: &[BoardView], board: &Board) -> Result<(), CalibrationReject> {
+pub(super) fn check_counts(views: &[&BoardView], board: &Board) -> Result<(), CalibrationReject> {
     let file = (board.columns, board.rows);
     let (long, short) = (file.0.max(file.1), file.0.min(file.1));
     // One frame may show something else that looks like a circle; two frames agree only on the board.
     let larger: Vec<(u32, u32)> = views
         .iter()
-        .map(BoardView::span)
+        .map(|view| view.span())
         .filter(|seen| seen.0.max(seen.1) > long || seen.0.min(seen.1) > short)
         .collect();
     match larger[..] {
@@ -58,7 +58,7 @@ pub(super) fn check_tilt<'a>(
 
 /// The circles' size against their distance, both as seen.
 pub(super) fn check_ratio(
-    views: &[BoardView],
+    views: &[&BoardView],
     board: &Board,
     camera: &CameraModel,
     poses: &[Pose<Cam, OnBoard>],

@@ -59,7 +59,7 @@ pub use next_frame::{Advice, next_frame};
 pub use reject::{CalibrationReject, FrameReject};
 pub use session::{BoardPlace, ENOUGH_FRAMES, Missing, Session, Side, Verdict};
 pub use solve::{
-    CalibrationSettings, CalibrationSolution, CameraAlone, CameraSolution, CentreResidual, FrameResult,
-    MIN_FRAMES, StripeResidual, solve_all, solve_camera,
+    CalibrationSettings, CalibrationSolution, CameraAlone, CameraRefusal, CameraSolution, CentreResidual,
+    FrameResult, MIN_FRAMES, StripeResidual, solve_all, solve_camera,
 };
 pub use stripes::BoardStripe;

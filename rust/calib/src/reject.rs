@@ -170,7 +170,8 @@ impl std::fmt::Display for CalibrationReject {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::TooFewFrames { usable, needed } => {
-                write!(f, "{usable} frames show the board, {needed} are needed")
+                let frames = if *usable == 1 { "frame shows" } else { "frames show" };
+                write!(f, "{usable} {frames} the board, {needed} are needed")
             }
             Self::MoreCirclesThanBoard { seen, board } => write!(
                 f,

@@ -33,6 +33,10 @@ const MAX_RMS_PX: f64 = 2.0;
 /// A frame is an outlier at so many times the median of all frames' scatter, and at least this, px.
 const OUTLIER: f64 = 4.0;
 const MIN_OUTLIER_PX: f64 = 0.3;
+/// Rounds of judging frames by the camera that the others give; most sets need one, after which nothing changes.
+const OUTLIER_ROUNDS: usize = 5;
+/// Steps of a left-out frame's pose to a camera near the one that it was found with: quadratic, two are used.
+const POSE_STEPS: usize = 4;
 /// Rim statistics cannot be better than this: JPEG and interpolation, px.
 const MIN_SIGMA_PX: f64 = 0.01;
 
@@ -59,22 +63,67 @@ pub struct CameraSolution {
     trials: Vec<LensTrial>,
 }
 
-/// Solves the camera from the views of at least [`MIN_FRAMES`] frames of one size.
+/// Why a set fixes no camera, and which frames were left out before that was seen.
+#[derive(Clone, Debug)]
+pub struct CameraRefusal {
+    /// Why.
+    pub reject: CalibrationReject,
+    /// Of every view, `None` if it took part; none of those that nobody looked at.
+    pub rejects: Vec<Option<FrameReject>>,
+}
+
+impl std::fmt::Display for CameraRefusal {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        self.reject.fmt(f)
+    }
+}
+
+impl From<CameraRefusal> for CalibrationReject {
+    fn from(refusal: CameraRefusal) -> Self {
+        refusal.reject
+    }
+}
+
+/// Solves the camera from the views of at least [`MIN_FRAMES`] different frames of one size.
 ///
 /// # Errors
-/// [`CalibrationReject`] if the views do not fix a camera.
+/// [`CameraRefusal`] if the views do not fix a camera.
 pub fn solve_camera(
     views: Vec<BoardView>,
     board: &Board,
     settings: CalibrationSettings,
-) -> Result<CameraSolution, CalibrationReject> {
-    if views.len() < MIN_FRAMES {
-        return Err(CalibrationReject::TooFewFrames { usable: views.len(), needed: MIN_FRAMES });
+) -> Result<CameraSolution, CameraRefusal> {
+    let rejects = copies(&views);
+    let start = start(&views, &rejects, board)
+        .map_err(|reject| CameraRefusal { reject, rejects: rejects.clone() })?;
+    let Start { camera, frames } = start;
+    let shared = Shared { camera, planes: [Vector3::new(0.01, 0.01, 0.0); 4] };
+    let (lens, trials) = (settings.lens.start(), Vec::new());
+    let mut solution =
+        CameraSolution { board: *board, settings, shared, views, frames, rejects, lens, trials };
+    match solution.solve_circles() {
+        Ok(()) => Ok(solution),
+        Err(reject) => Err(CameraRefusal { reject, rejects: solution.rejects }),
     }
-    judge::check_counts(&views, board)?;
+}
+
+/// A camera and poses to begin with.
+struct Start {
+    camera: CameraModel,
+    frames: Vec<FrameObservations>,
+}
+
+/// Zhang's camera from the frames that count, and the pose of every one.
+fn start(
+    views: &[BoardView],
+    rejects: &[Option<FrameReject>],
+    board: &Board,
+) -> Result<Start, CalibrationReject> {
+    check_number(rejects)?;
+    judge::check_counts(&counted(views, rejects), board)?;
     let pairs: Vec<Vec<(Vector2<f64>, Px)>> = views.iter().map(|v| pairs_of(v, board)).collect();
-    let unsolved = || CalibrationReject::NoSolution { rms_px: f64::INFINITY, limit_px: MAX_RMS_PX };
-    let homographies: Vec<_> = pairs.iter().filter_map(|p| zhang::homography(p)).collect();
+    let homographies: Vec<_> =
+        counted(&pairs, rejects).into_iter().filter_map(|p| zhang::homography(p)).collect();
     let (width, height) = (views[0].width_px, views[0].height_px);
     let camera = zhang::camera(&homographies, width, height).ok_or_else(unsolved)?;
     let mut frames = Vec::with_capacity(views.len());
@@ -86,33 +135,25 @@ pub fn solve_camera(
             .collect();
         frames.push(FrameObservations { pose, centres, stripes: Vec::new() });
     }
-    judge::check_tilt(frames.iter().map(|f| &f.pose))?;
-    let rejects = copies(&views);
-    let shared = Shared { camera, planes: [Vector3::new(0.01, 0.01, 0.0); 4] };
-    let (lens, trials) = (settings.lens.start(), Vec::new());
-    let mut solution =
-        CameraSolution { board: *board, settings, shared, views, frames, rejects, lens, trials };
-    solution.adjust_camera().ok_or_else(unsolved)?;
-    if settings.lens == LensChoice::ByData {
-        let fixed = solution.fixed(false, true);
-        (solution.lens, solution.trials) = lens::choose(&solution.shared, &solution.used_frames(), fixed);
-        if solution.lens != lens {
-            // What did not fit the narrower lens may fit this one.
-            solution.rejects = copies(&solution.views);
-            solution.adjust_camera().ok_or_else(unsolved)?;
-        }
-    }
-    judge::check_ratio(&solution.views, board, &solution.shared.camera, &solution.poses())?;
-    judge::check_tilt(solution.frames.iter().map(|f| &f.pose))?;
-    let rms_px = solution.rms_px().norm() / std::f64::consts::SQRT_2;
-    if rms_px.is_nan() || rms_px > MAX_RMS_PX {
-        return Err(CalibrationReject::NoSolution { rms_px, limit_px: MAX_RMS_PX });
-    }
-    let usable = solution.rejects.iter().filter(|r| r.is_none()).count();
+    judge::check_tilt(counted(&frames, rejects).into_iter().map(|f| &f.pose))?;
+    Ok(Start { camera, frames })
+}
+
+/// Those of all frames that are not left out.
+fn counted<'a, T>(all: &'a [T], rejects: &[Option<FrameReject>]) -> Vec<&'a T> {
+    all.iter().zip(rejects).filter(|(_, reject)| reject.is_none()).map(|(one, _)| one).collect()
+}
+
+fn check_number(rejects: &[Option<FrameReject>]) -> Result<(), CalibrationReject> {
+    let usable = rejects.iter().filter(|reject| reject.is_none()).count();
     if usable < MIN_FRAMES {
         return Err(CalibrationReject::TooFewFrames { usable, needed: MIN_FRAMES });
     }
-    Ok(solution)
+    Ok(())
+}
+
+const fn unsolved() -> CalibrationReject {
+    CalibrationReject::NoSolution { rms_px: f64::INFINITY, limit_px: MAX_RMS_PX }
 }
 
 /// Two shots of a board that stands still differ by noise, 0.03 to 0.05 px a circle and axis; copies by what encoding them again does.
@@ -183,7 +224,6 @@ impl CameraSolution {
     }
 
     fn alone_with_its_lens(mut self) -> Result<CameraAlone, CalibrationReject> {
-        let unsolved = || CalibrationReject::NoSolution { rms_px: f64::INFINITY, limit_px: MAX_RMS_PX };
         let fixed = self.fixed(false, true);
         let mut used = self.used_frames();
         own_sigmas(&self.shared, &mut used);
@@ -205,12 +245,44 @@ impl CameraSolution {
         })
     }
 
-    fn poses(&self) -> Vec<Pose<Cam, OnBoard>> {
-        self.frames.iter().map(|f| f.pose).collect()
+    /// Camera and lens from the circles, frames that do not fit left out, and whether the frames that are left fix them.
+    fn solve_circles(&mut self) -> Result<(), CalibrationReject> {
+        self.adjust_and_judge().ok_or_else(unsolved)?;
+        if self.settings.lens == LensChoice::ByData {
+            let before = self.lens;
+            let fixed = self.fixed(false, true);
+            (self.lens, self.trials) = lens::choose(&self.shared, &self.used_frames(), fixed);
+            if self.lens != before {
+                // What did not fit the narrower lens may fit this one.
+                self.adjust_and_judge().ok_or_else(unsolved)?;
+            }
+        }
+        let frames = counted(&self.frames, &self.rejects);
+        let poses: Vec<_> = frames.iter().map(|f| f.pose).collect();
+        judge::check_ratio(&counted(&self.views, &self.rejects), &self.board, &self.shared.camera, &poses)?;
+        judge::check_tilt(poses.iter())?;
+        let rms_px = self.rms_px().norm() / std::f64::consts::SQRT_2;
+        if rms_px.is_nan() || rms_px > MAX_RMS_PX {
+            return Err(CalibrationReject::NoSolution { rms_px, limit_px: MAX_RMS_PX });
+        }
+        check_number(&self.rejects)
     }
 
     fn fixed(&self, distortion: bool, planes: bool) -> Fixed {
         Fixed { skew: !self.settings.skew, distortion, lens: self.lens, planes, all: false }
+    }
+
+    /// Adjusts the camera and leaves out what does not fit. Only a finished camera judges: what a frame is off from one on the way
+    /// says how far that one has to go. A frame that fits once others are left out takes part again.
+    fn adjust_and_judge(&mut self) -> Option<()> {
+        self.adjust_camera()?;
+        for _ in 0..OUTLIER_ROUNDS {
+            if !self.judge_frames() {
+                break;
+            }
+            self.adjust_camera()?;
+        }
+        Some(())
     }
 
     fn adjust_camera(&mut self) -> Option<()> {
@@ -223,7 +295,6 @@ impl CameraSolution {
         }
         for _ in 0..RIM_ROUNDS {
             self.centres_from_rims();
-            self.leave_outliers_out();
             let mut used = self.used_frames();
             let spread = Scatter { centres: scatter(&self.shared, &used).centres, ..Scatter::EVEN };
             let fixed = self.fixed(false, true);
@@ -262,7 +333,9 @@ impl CameraSolution {
         }
     }
 
-    fn leave_outliers_out(&mut self) {
+    /// Leaves out the frames that the camera does not fit and takes back those that it fits; whether either happened. Copies stay out.
+    fn judge_frames(&mut self) -> bool {
+        self.pose_left_out_frames();
         let rms: Vec<f64> = self
             .frames
             .iter()
@@ -273,12 +346,32 @@ impl CameraSolution {
                 median(squares).map_or(f64::INFINITY, |m| (m / 0.69).sqrt())
             })
             .collect();
-        let used = rms.iter().zip(&self.rejects).filter(|(_, r)| r.is_none()).map(|(x, _)| *x);
+        let used = counted(&rms, &self.rejects).into_iter().copied();
         let limit_px = median(used).map_or(MIN_OUTLIER_PX, |m| (OUTLIER * m).max(MIN_OUTLIER_PX));
+        let mut changed = false;
         for (reject, rms_px) in self.rejects.iter_mut().zip(rms) {
             let off = rms_px.is_nan() || rms_px > limit_px;
-            if reject.is_none() && off {
-                *reject = Some(FrameReject::Outlier { rms_px, limit_px });
+            if matches!(reject, Some(FrameReject::Copy { .. })) {
+                continue;
+            }
+            changed |= off != reject.is_some();
+            *reject = off.then_some(FrameReject::Outlier { rms_px, limit_px });
+        }
+        changed
+    }
+
+    /// Where the boards of left-out frames are in the present camera. One whose pose is not fixed stays where it was.
+    fn pose_left_out_frames(&mut self) {
+        let fixed = Fixed { all: true, ..self.fixed(false, true) };
+        self.centres_from_rims();
+        for (frame, _) in self.frames.iter_mut().zip(&self.rejects).filter(|(_, reject)| reject.is_some()) {
+            let mut posed = [frame.clone()];
+            let posing = |posed: &mut [FrameObservations]| {
+                adjust(&mut self.shared.clone(), posed, &Scatter::EVEN, fixed, Loss::Huber)
+            };
+            if (0..POSE_STEPS).all(|_| posing(&mut posed).is_some()) {
+                let [posed] = posed;
+                *frame = posed;
             }
         }
     }
@@ -394,7 +487,6 @@ fn solve_with_its_lens(
     mut solution: CameraSolution,
     stripes: &[Vec<BoardStripe>],
 ) -> Result<CalibrationSolution, CalibrationReject> {
-    let unsolved = || CalibrationReject::NoSolution { rms_px: f64::INFINITY, limit_px: MAX_RMS_PX };
     let camera = solution.shared.camera;
     let none = Vec::new();
     let in_space: Vec<StripesInSpace> = (0..solution.views.len())

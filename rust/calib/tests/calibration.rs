@@ -5,8 +5,8 @@
 use boxline::frames::{Cam, Pose};
 use boxline::{CameraModel, Frame, LaserId, Px};
 use boxline_calib::{
-    Board, CalibrationReject, CalibrationSettings, CalibrationSolution, FrameReject, OnBoard, empty_corners,
-    find_board, solve_all, solve_camera,
+    Board, BoardView, CalibrationReject, CalibrationSettings, CalibrationSolution, FrameReject, OnBoard,
+    empty_corners, find_board, solve_all, solve_camera,
 };
 use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
 
@@ -191,6 +191,73 @@ fn other_heads_are_calibrated_without_a_start() {
             "seed {seed}: {:?}",
             solution.centre_rms_px
         );
+    }
+}
+
+/// The eight recorded frames.
+fn recorded_views() -> Vec<BoardView> {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/board");
+    let view = |name: &str| {
+        let bytes = std::fs::read(folder.join(format!("{name}.jpg"))).expect("a recorded frame");
+        find_board(&Frame::from_jpeg(&bytes).expect("a JPEG"), &BOARD).expect("a board")
+    };
+    ["c01", "c03", "c05", "c09", "c13", "c19", "c21", "c25"].map(view).into()
+}
+
+#[test]
+fn any_seven_of_eight_sound_frames_calibrate_and_none_is_left_out() {
+    let all = recorded_views();
+    for missing in 0..all.len() {
+        let mut views = all.clone();
+        views.remove(missing);
+        let camera = solve_camera(views, &BOARD, CalibrationSettings::default())
+            .unwrap_or_else(|e| panic!("without {missing}: {e}"));
+        for view in 0..all.len() - 1 {
+            assert_eq!(camera.reject(view), None, "without {missing}: view {view}");
+        }
+    }
+}
+
+/// A frame whose circles are where no camera sees them is left out, and the others give the camera that they give without it.
+#[test]
+fn a_frame_that_does_not_fit_is_left_out() {
+    let sound = recorded_views();
+    let solve = |views| {
+        let camera =
+            solve_camera(views, &BOARD, CalibrationSettings::default()).unwrap_or_else(|e| panic!("{e}"));
+        let rejects: Vec<_> = (0..8).filter_map(|view| Some((view, camera.reject(view)?.clone()))).collect();
+        (camera.alone().unwrap_or_else(|e| panic!("{e}")).camera, rejects)
+    };
+    for odd in [0, 4, 7] {
+        let mut views = sound.clone();
+        // Columns bent by up to 8 px: a board that somebody leans on.
+        for circle in &mut views[odd].circles {
+            let shift = 8.0 * (f64::from(circle.column) / 11.0 - 0.5).powi(2) * 4.0;
+            circle.ellipse_centre.v += shift;
+            circle.rim.iter_mut().for_each(|px| px.v += shift);
+        }
+        let (camera, rejects) = solve(views);
+        assert!(
+            matches!(rejects[..], [(view, FrameReject::Outlier { .. })] if view == odd),
+            "{odd}: {rejects:?}"
+        );
+        let mut rest = sound.clone();
+        rest.remove(odd);
+        let (expected, _) = solve(rest);
+        assert!((camera.fx - expected.fx).abs() < 0.01, "{odd}: {} and {}", camera.fx, expected.fx);
+    }
+}
+
+#[test]
+fn copies_are_counted_out_before_anything_is_asked_of_them() {
+    let all = recorded_views();
+    for (different, copies) in [(1, 7), (5, 3)] {
+        let mut views = all[..different].to_vec();
+        views.extend(std::iter::repeat_n(all[0].clone(), copies));
+        let refusal = solve_camera(views, &BOARD, CalibrationSettings::default()).expect_err("too few");
+        assert_eq!(refusal.reject, CalibrationReject::TooFewFrames { usable: different, needed: 6 });
+        let copied = |reject: &&Option<FrameReject>| matches!(reject, Some(FrameReject::Copy { of: 0, .. }));
+        assert_eq!(refusal.rejects.iter().filter(copied).count(), copies, "{:?}", refusal.rejects);
     }
 }
 

@@ -204,6 +204,42 @@ fn five_frames_are_too_few() {
     assert_eq!(object["reject"]["text"], "5 frames show the board, 6 are needed");
 }
 
+#[test]
+fn a_refusal_names_the_copies_that_make_it_one() {
+    let mut set = Set::of(5, |_, half| jpeg(half));
+    for name in ["c91", "c92", "c93"] {
+        set.add(name, &jpeg(&halves()[1]));
+    }
+    let object = set.refused("too_few_frames");
+    assert_eq!(object["reject"]["text"], "5 frames show the board, 6 are needed");
+    let left_out = object["left_out"].as_array().unwrap();
+    assert_eq!(
+        left_out.iter().map(|f| f["frame"].as_str().unwrap()).collect::<Vec<_>>(),
+        ["c91", "c92", "c93"]
+    );
+    assert!((0..3).all(|i| why(&object, i).starts_with("a copy of")), "{object}");
+}
+
+#[test]
+fn eight_times_one_picture_is_one_frame() {
+    let object = Set::of(8, |_, _| jpeg(&halves()[1])).refused("too_few_frames");
+    assert_eq!(object["reject"]["text"], "1 frame shows the board, 6 are needed");
+    assert_eq!(object["left_out"].as_array().unwrap().len(), 7);
+}
+
+/// At half size the way to the camera is longer.
+#[test]
+fn any_seven_frames_at_half_size_are_all_used() {
+    for missing in 0..8 {
+        let mut set = Set::new();
+        for i in (0..8).filter(|i| *i != missing) {
+            set.add(NAMES[i], &jpeg(&halves()[i]));
+        }
+        let object = json_of(&set.run_with(&["--camera-only"]));
+        assert_eq!((&object["outcome"], &object["left_out"]), (&json!("calibrated"), &json!([])), "{object}");
+    }
+}
+
 /// A frame of which only the left and upper part, of these shares, is in view.
 fn hidden(half: &RgbImage, right: f64, bottom: f64) -> Vec<u8> {
     let mut half = half.clone();

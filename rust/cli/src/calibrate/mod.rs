@@ -306,10 +306,15 @@ fn solve_circles(
             Err(why) => left_out.push((frames[i].id.clone(), why)),
         }
     }
-    let camera = solve_camera(views, board, CalibrationSettings { skew: args.skew, lens: args.lens.into() })?;
+    let solved = solve_camera(views, board, CalibrationSettings { skew: args.skew, lens: args.lens.into() });
+    let reject_of = |view: usize| match &solved {
+        Ok(camera) => camera.reject(view),
+        Err(refusal) => refusal.rejects.get(view)?.as_ref(),
+    };
     for (view, i) in indices.iter().enumerate() {
-        left_out.extend(camera.reject(view).map(|why| (frames[*i].id.clone(), why.clone())));
+        left_out.extend(reject_of(view).map(|why| (frames[*i].id.clone(), why.clone())));
     }
+    let camera = solved?;
     Ok(Circles { indices, camera, size_px })
 }
 
