@@ -324,6 +324,43 @@ fn numbers_that_no_head_has_are_refused() {
 }
 
 #[test]
+fn a_lens_without_an_inverse_is_refused() {
+    for (term, value) in [("p1", 5.0), ("p2", 1e200), ("k1", 1e308), ("k3", 1e5), ("k1", -3.0)] {
+        let mut changed = parsed("calibration_set/calibration.json");
+        changed["camera"][term] = json!(value);
+        let error = parse_calibration(changed.to_string().as_bytes(), "head.json");
+        let named = format!("camera.{term} is {value:?}");
+        expect(error, ErrorKind::InvalidCalibration, &["head.json: ", &named, "no inverse at pixel"]);
+    }
+    // The strongest terms that rendered heads have.
+    let mut changed = parsed("calibration_set/calibration.json");
+    for (term, value) in [("p1", 0.01), ("p2", -0.01), ("k3", -0.2)] {
+        changed["camera"][term] = json!(value);
+    }
+    assert!(parse_calibration(changed.to_string().as_bytes(), "head.json").is_ok());
+}
+
+#[test]
+fn a_covariance_that_no_parameters_have_is_refused() {
+    // Three parameters of which each two go against each other by `apart`: possible up to a half.
+    let with = |apart: f64| {
+        let mut rows = vec![vec![0.0; 18]; 18];
+        for i in 0..3 {
+            for j in 0..3 {
+                rows[i][j] = if i == j { 1e-4 } else { -apart * 1e-4 };
+            }
+        }
+        let mut changed = parsed("calibration_set/calibration.json");
+        changed["covariance"] = json!(rows);
+        parse_calibration(changed.to_string().as_bytes(), "head.json")
+    };
+    for possible in [0.0, 0.4, 0.5, 0.5 + 1e-9] {
+        assert!(with(possible).is_ok(), "{possible}");
+    }
+    expect(with(0.9), ErrorKind::InvalidCalibration, &["head.json: covariance: ", "eigenvalue of -8.00e-1"]);
+}
+
+#[test]
 fn unknown_keys_are_ignored() {
     let bytes = broken("calibration_set/calibration.json", "/camera/skew", Some(json!(0.5)));
     let mut value: Value = serde_json::from_slice(&bytes).unwrap();
@@ -436,6 +473,7 @@ fn broken_truths_and_boards_name_file_and_field() {
         ("/kind", Some(json!("checkerboard")), &["kind: unknown variant `checkerboard`, expected `circles`"]),
         ("/columns", Some(json!(12.5)), &["columns: invalid type: floating point `12.5`, expected u64"]),
         ("/rows", Some(json!(1_000_000)), &["rows: found 1000000, 2 to 1000 are allowed"]),
+        ("/rows", Some(json!(1000)), &["rows: 12000 circles with columns, at most 10000 are allowed"]),
         (
             "/pitch_mm",
             Some(json!(-100)),

@@ -9,10 +9,22 @@ use std::path::{Path, PathBuf};
 /// Larger JSON files are refused before memory is taken for them; real ones have less than 1 MB.
 const MAX_BYTES: u64 = 64 * 1024 * 1024;
 
+/// Opens a file for reading. What is neither file nor folder (a pipe, a device) is refused: opening or reading it may never end.
+///
+/// # Errors
+/// As [`File::open`], and [`std::io::ErrorKind::InvalidInput`] for what is no plain file.
+pub fn open_plain_file(path: &Path) -> std::io::Result<File> {
+    let kind = fs::metadata(path)?.file_type();
+    if !kind.is_file() && !kind.is_dir() {
+        return Err(std::io::Error::new(std::io::ErrorKind::InvalidInput, "it is not a plain file"));
+    }
+    File::open(path)
+}
+
 /// The bytes of a file, or `None` if there is none.
 pub(super) fn read_if_there(path: &Path) -> Result<Option<Vec<u8>>, Error> {
     let io = |e: std::io::Error| io_error("cannot read", path, e);
-    let file = match File::open(path) {
+    let file = match open_plain_file(path) {
         Ok(file) => file,
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
         Err(e) => return Err(io(e)),

@@ -14,13 +14,13 @@ mod wrong;
 
 pub(crate) use calibration::covariance_size;
 pub use calibration::{calibration_json, camera_json, parse_calibration, read_calibration};
-pub use file::write_json;
+pub use file::{open_plain_file, write_json};
 pub(crate) use recording::resolved_path;
 pub use recording::{Laser, RecordedFrame, Recording, Role, parse_recording, read_recording, recording_json};
 pub use report::{face_json, report_json};
 pub use syntax::parse_json;
 pub use truth::{
-    BOARD_SIZES_MM, Board, EndClass, Truth, TruthEnd, TruthFace, TruthHidden, TruthLine, TruthMotion,
-    TruthNotes, parse_board, parse_truth, read_board, read_truth,
+    BOARD_CIRCLES_IN_ROW, BOARD_SIZES_MM, Board, EndClass, MOST_BOARD_CIRCLES, Truth, TruthEnd, TruthFace,
+    TruthHidden, TruthLine, TruthMotion, TruthNotes, parse_board, parse_truth, read_board, read_truth,
 };
 pub use wrong::{is_wrong_box, is_wrong_side};

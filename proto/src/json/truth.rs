@@ -11,6 +11,13 @@ use std::path::Path;
 /// Pitches and diameters of boards, mm: others are of another unit.
 pub const BOARD_SIZES_MM: std::ops::RangeInclusive<f64> = 1.0..=1000.0;
 
+/// Circles of a row or column of a board.
+pub const BOARD_CIRCLES_IN_ROW: std::ops::RangeInclusive<u32> = 2..=1000;
+
+/// The most circles of a board: 10 000 of them fill a head's picture of 2592 x 1944 px at a pitch of 22 px, and the rims of smaller ones
+/// cannot be measured. A million keep a program busy for minutes.
+pub const MOST_BOARD_CIRCLES: u32 = 10_000;
+
 /// What a recording's scene was.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Truth {
@@ -310,6 +317,11 @@ pub fn read_board(path: &Path) -> Result<Board, Error> {
 pub fn parse_board(bytes: &[u8], name: &str) -> Result<Board, Error> {
     let kind = ErrorKind::InvalidFile;
     let board: Board = read(bytes, name, kind, Some("boxline-board/1"))?;
+    let circles = board.columns * board.rows;
+    if circles > MOST_BOARD_CIRCLES {
+        let what = format_args!("{circles} circles with columns, at most {MOST_BOARD_CIRCLES} are allowed");
+        return Err(field_error(kind, name, "rows", what));
+    }
     if board.diameter_mm >= board.pitch_mm {
         let Board { diameter_mm, pitch_mm, .. } = board;
         let what = format_args!("found {diameter_mm}, less than pitch_mm ({pitch_mm}) is needed");

@@ -19,6 +19,9 @@ pub const CAMERA: [usize; 9] = [0, 1, 2, 3, 4, 5, 18, 19, 20];
 /// The planes of one pair differ by more, as parts of 1 / distance.
 const LEAST_DIFFERENCE: f64 = 0.01;
 
+/// Rounding may leave an eigenvalue of the correlations so far below 0: as far as the matrix may be from symmetric.
+const MOST_NEGATIVE: f64 = 1e-6;
+
 /// Covariance of a calibration's parameters. A term of the lens without variance is known to be 0; one that is 0 and has a variance was not
 /// needed by the frames, and may be something else.
 pub type CalibrationCovariance = SMatrix<f64, PARAMETERS, PARAMETERS>;
@@ -79,6 +82,7 @@ impl Calibration {
                 )));
             }
         }
+        camera.check_inverse(width_px, height_px)?;
         let mut lasers = [Plane::new(Vector3::zeros()); 4];
         for ((plane, id), [a, b, c, d]) in lasers.iter_mut().zip(LaserId::ALL).zip(laser_planes) {
             if ![a, b, c, d].iter().all(|x| x.is_finite()) {
@@ -123,7 +127,7 @@ impl Calibration {
     /// The same calibration with what is known of its own uncertainty.
     ///
     /// # Errors
-    /// [`ErrorKind::InvalidCalibration`] unless all numbers are finite, the matrix is symmetric, no variance negative and none so large
+    /// [`ErrorKind::InvalidCalibration`] unless all numbers are finite, the matrix is symmetric, no variance negative, nor that of any sum of parameters, and none so large
     /// that the parameter would not be known at all: such a matrix is in other units.
     pub fn with_covariance(mut self, covariance: CalibrationCovariance) -> Result<Self, Error> {
         let invalid = |text: String| Error::new(ErrorKind::InvalidCalibration, text);
@@ -148,6 +152,12 @@ impl Calibration {
                     )));
                 }
             }
+        }
+        let least = least_eigenvalue_of_correlation(&covariance);
+        if least < -MOST_NEGATIVE {
+            return Err(invalid(format!(
+                "covariance: the correlations have an eigenvalue of {least:.2e}, none below 0 is possible"
+            )));
         }
         self.covariance = Some(Box::new(covariance));
         Ok(self)
@@ -233,6 +243,17 @@ impl Calibration {
     pub const fn laser(&self, id: LaserId) -> &Plane<Cam> {
         &self.lasers[id.index()]
     }
+}
+
+/// The least eigenvalue of a covariance in units of its own sigmas: focal lengths and planes differ by 10^9 in theirs. What is known
+/// exactly has a correlation with nothing.
+fn least_eigenvalue_of_correlation(covariance: &CalibrationCovariance) -> f64 {
+    let sigmas = covariance.diagonal().map(f64::sqrt);
+    let correlation = CalibrationCovariance::from_fn(|i, j| match sigmas[i] * sigmas[j] {
+        both if both > 0.0 => covariance[(i, j)] / both,
+        _ => f64::from(u8::from(i == j)),
+    });
+    correlation.symmetric_eigenvalues().min()
 }
 
 /// A camera and planes moved by a step of the parameters.

@@ -46,6 +46,10 @@ pub struct CameraModel {
 const MAX_STEPS: usize = 30;
 /// Least slope of ideal over distorted: below, the polynomial turns back.
 const LEAST_SLOPE: f64 = 0.05;
+/// Places along each side of the sensor where the inverse is tried: polynomials of degree 7 do not turn back and forth between two.
+const INVERSE_PLACES: u32 = 33;
+/// How near to a pixel its ray leads back, px: a thousandth of what any stage sees.
+const INVERSE_PX: f64 = 1e-5;
 
 impl CameraModel {
     /// A focal length of 1 px and nothing else: what is not named in a camera with fewer terms.
@@ -184,6 +188,32 @@ impl CameraModel {
                     format!("camera.{name} is {value} px, at least 1 px is needed"),
                 ));
             }
+        }
+        Ok(())
+    }
+
+    /// Fails unless every pixel of a sensor of this size has a ray that leads back to it: what measures goes both ways.
+    pub(crate) fn check_inverse(&self, width_px: u32, height_px: u32) -> Result<(), Error> {
+        let (right, bottom) = (f64::from(width_px) - 1.0, f64::from(height_px) - 1.0);
+        let share = |i: u32| f64::from(i) / f64::from(INVERSE_PLACES - 1);
+        for i in 0..INVERSE_PLACES * INVERSE_PLACES {
+            let px = Px::new(right * share(i % INVERSE_PLACES), bottom * share(i / INVERSE_PLACES));
+            let back = self.px_from_ray(&self.ray_from_px(px));
+            if back.is_some_and(|back| back.distance_px(px) < INVERSE_PX) {
+                continue;
+            }
+            let named = [("k1", self.k1), ("k2", self.k2), ("p1", self.p1), ("p2", self.p2), ("k3", self.k3)];
+            let terms = named.iter().filter(|(_, term)| *term != 0.0);
+            let terms: Vec<String> = terms.map(|(name, term)| format!("camera.{name} is {term:?}")).collect();
+            return Err(Error::new(
+                ErrorKind::InvalidCalibration,
+                format!(
+                    "{}: the distortion has no inverse at pixel ({:.0}, {:.0})",
+                    terms.join(", "),
+                    px.u,
+                    px.v
+                ),
+            ));
         }
         Ok(())
     }
