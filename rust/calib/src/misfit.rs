@@ -28,6 +28,8 @@ pub(super) struct Found {
     pub shared: Shared,
     /// Of these.
     pub covariance: CalibrationCovariance,
+    /// Of the skew, px, where it is an unknown.
+    pub skew_sigma_px: Option<f64>,
     /// What the frames tell about these, and what is known of the lens's terms before.
     pub information: Information,
 }
@@ -46,8 +48,8 @@ pub(super) fn misfits(solved: &Solved) -> Option<Found> {
         match found.absent.iter().copied().find(mine) {
             Some(kind) => without.push(kind),
             None => {
-                let Averaged { shared, covariance, information, .. } = found;
-                return Some(Found { misfits, shared, covariance, information });
+                let Averaged { shared, covariance, skew_sigma_px, information, .. } = found;
+                return Some(Found { misfits, shared, covariance, skew_sigma_px, information });
             }
         }
     }

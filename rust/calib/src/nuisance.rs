@@ -7,7 +7,7 @@ use super::adjust::{FIXED, Fixed, Information, covariance, solve_scaled};
 use super::fields::{Fields, TILTS};
 use super::lens::LensTerms;
 use super::misfit_kind::MisfitKind;
-use super::model::{SHARED, Shared};
+use super::model::{SHARED, SKEW, Shared};
 use super::patterns::{Patterns, ReducedSystem, Solved};
 use boxline::calibration::{CalibrationCovariance, CalibrationStep, PLANES};
 use nalgebra::{DMatrix, DVector, SVector};
@@ -29,6 +29,8 @@ const OF_PITCH: [MisfitKind; 2] = [MisfitKind::BoardStretched, MisfitKind::Board
 pub(super) struct Averaged {
     pub shared: Shared,
     pub covariance: CalibrationCovariance,
+    /// Of the skew, px, where it is an unknown.
+    pub skew_sigma_px: Option<f64>,
     /// What the frames tell about these, and what is known of the lens's terms before.
     pub information: Information,
     /// Patterns that are rather not there than there, beside all others.
@@ -79,9 +81,12 @@ pub(super) fn averaged(
         + lens * lens.transpose()
         + tilted * tilted.transpose()
         + scaled * scaled.transpose();
+    let skew_by_tilt_px = left.shared.camera.skew - upright.camera.skew;
+    let skew_sigma_px =
+        (!left.fixed.contains(SKEW)).then(|| inverse[(SKEW, SKEW)].max(0.0).sqrt().hypot(skew_by_tilt_px));
     let absent = patterns.kinds.iter().zip(&over.none).filter(|(_, none)| **none > 0.5);
     let absent = absent.map(|(kind, _)| *kind).collect();
-    Some(Averaged { shared: left.shared, covariance, information, absent })
+    Some(Averaged { shared: left.shared, covariance, skew_sigma_px, information, absent })
 }
 
 /// These patterns and all that may be there without being named.

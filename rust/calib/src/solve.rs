@@ -237,6 +237,7 @@ impl CameraSolution {
         Ok(CameraAlone {
             camera: found.shared.camera,
             covariance: found.covariance,
+            skew_sigma_px: found.skew_sigma_px,
             centre_rms_px: [rms.x, rms.y],
             views: (0..self.views.len()).filter(|i| self.rejects[*i].is_none()).collect(),
             misfits: found.misfits,
@@ -427,6 +428,8 @@ pub struct CameraAlone {
     pub camera: CameraModel,
     /// Of the camera's parameters; none of the planes.
     pub covariance: CalibrationCovariance,
+    /// Sigma of the skew, px, if [`CalibrationSettings::skew`] asks for it.
+    pub skew_sigma_px: Option<f64>,
     /// Root mean square of the circles' residuals, u and v, px.
     pub centre_rms_px: [f64; 2],
     /// The views that take part, as given to [`solve_camera`].
@@ -448,6 +451,8 @@ pub struct CalibrationSolution {
     pub lasers: [Plane<Cam>; 4],
     /// What is known about them.
     pub covariance: CalibrationCovariance,
+    /// Sigma of the skew, px, if [`CalibrationSettings::skew`] asks for it.
+    pub skew_sigma_px: Option<f64>,
     /// Root mean square of the circles' residuals, u and v, px.
     pub centre_rms_px: [f64; 2],
     /// ... of the stripes' across, laser 1 to 4, px.
@@ -593,6 +598,7 @@ fn summarise(
         camera: found.shared.camera,
         lasers: planes::typed(&found.shared.planes),
         covariance: found.covariance,
+        skew_sigma_px: found.skew_sigma_px,
         centre_rms_px: [rms.x, rms.y],
         stripe_rms_px: stripe_sums.map(|(sum, n)| (sum / n.max(1.0)).sqrt()),
         scatter: [spread.centres, spread.stripes],

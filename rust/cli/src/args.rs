@@ -100,7 +100,7 @@ Exit codes: 0 calibrated, 2 broken input or usage, 3 the frames fix no calibrati
 Example:
   boxline verify tests/data/b03 --calibration calibration.json --length 800.0
 
-Exit codes: 0 the length is in, 2 broken input or usage, 3 it is out, or the object could not be measured.")]
+Exit codes: 0 the length is in, 2 broken input (also a recording without faces) or usage, 3 it is out, or the object could not be measured.")]
     Verify(crate::verify::VerifyArgs),
     /// Converts a calibration's camera to and from OpenCV's model
     #[command(after_help = "\
@@ -108,8 +108,10 @@ Examples:
   boxline convert calibration.json --to opencv -o camera.json
   boxline convert calibration.json --from opencv --camera camera.json -o new.json
 
-The distortions run in opposite directions: the camera is refitted over the sensor and what is left is told in px.
-Exit codes: 0 written, 2 broken input or usage.")]
+The distortions run in opposite directions: the camera is refitted over the sensor and what is left is told in px. A lens of
+which more than 1 px is left anywhere, as a rule in a corner, is not converted. --from keeps head and laser planes; the covariance
+is of the old camera and is not written.
+Exit codes: 0 written, 2 broken input or usage, or a lens that the other model cannot have.")]
     Convert(crate::convert::ConvertArgs),
     /// Tells from measurements of ordinary boxes whether the lasers have moved since the calibration
     #[command(after_help = "\
@@ -118,8 +120,9 @@ Examples:
   boxline drift ruler box1 box2 box3 --calibration calibration.json --length 800.0 -o proposed.json
 
 Each face checks the lasers; 20 faces, near and far and tilted differently, see a tilt of 0.2 mrad. Boxes cannot tell a change
-of all lengths together; a known length of the first box can. Nothing is written without -o, and never over the input.
-Exit codes: 0 no significant change, 2 broken input or usage, 3 the lasers have moved.")]
+of all lengths together; a known length of the first box can. Each frame counts once, however often it is
+given. Nothing is written without -o, and never over an input.
+Exit codes: 0 no significant change, 2 broken input or usage, or fewer than 3 faces could be measured, 3 the lasers have moved.")]
     Drift(crate::drift::DriftArgs),
     /// Predicts which faces a head can measure from where, and how well
     #[command(after_help = "\

@@ -4,28 +4,27 @@
 //! name: so JSON only.
 
 use crate::Finished;
-use crate::input::Usage;
-use boxline::{Calibration, Error, ErrorKind};
+use crate::output::check_outputs;
+use boxline::{Calibration, CameraModel, Error, ErrorKind};
 use boxline_calib::opencv::{OpenCvCamera, RefitResidual, from_opencv, to_opencv};
-use boxline_proto::json::{calibration_json, parse_json, read_calibration, write_json};
+use boxline_proto::json::{calibration_json, open_plain_file, parse_json, read_calibration, write_json};
 use clap::{Args as ClapArgs, ValueEnum};
 use serde_json::{Value, json};
 use std::path::PathBuf;
 
 #[derive(ClapArgs)]
-#[group(id = "direction", required = true, args = ["to", "from"])]
 pub struct ConvertArgs {
     /// The calibration whose camera is written, or, with --from, whose head and laser planes are kept
     #[arg(value_name = "CALIBRATION.json")]
     pub calibration: PathBuf,
-    /// Write the camera in this model
-    #[arg(long, value_enum)]
+    /// Write the camera in this model; this or --from is needed
+    #[arg(long, value_enum, required_unless_present = "from", conflicts_with = "from")]
     pub to: Option<Model>,
     /// Take the camera from a file in this model, given by --camera
     #[arg(long, value_enum, requires = "camera")]
     pub from: Option<Model>,
     /// The other program's camera
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", requires = "from", conflicts_with = "to")]
     pub camera: Option<PathBuf>,
     /// Where to write
     #[arg(short, long, value_name = "FILE")]
@@ -42,25 +41,33 @@ pub enum Model {
 
 /// More than this is another lens: a pixel at the sensor's corner is 0.4 mm on a face at 1 m.
 const MOST_LEFT_PX: f64 = 1.0;
+/// What is told of a covariance that is not written.
+const DROPPED: &str = "the calibration's covariance is of its old camera: the written file has none";
 /// Files of a camera have a few hundred bytes.
 const MAX_BYTES: u64 = 1 << 20;
 
 /// Runs `boxline convert`.
 pub fn convert(args: &ConvertArgs) -> anyhow::Result<Finished> {
+    check_outputs(
+        &[&args.output],
+        [Some(&args.calibration), args.camera.as_ref()].into_iter().flatten().map(PathBuf::as_path),
+    )?;
     let calibration = read_calibration(&args.calibration)?;
     let (width, height) = (calibration.width_px(), calibration.height_px());
     let (value, residual) = if let Some(path) = args.camera.as_ref().filter(|_| args.from.is_some()) {
         let camera = read_opencv(path, width, height)?;
+        let planes = calibration.lasers().map(|plane| [plane.per_mm.x, plane.per_mm.y, plane.per_mm.z, -1.0]);
+        // What is wrong with focal lengths or centre is not to be called the distortion's.
+        let OpenCvCamera { fx, fy, cx, cy, .. } = camera;
+        let without_lens = CameraModel { fx, fy, cx, cy, ..CameraModel::PINHOLE };
+        Calibration::new(calibration.serial(), [width, height], without_lens, planes)
+            .map_err(|e| invalid(e.to_string()).in_context(path.display()))?;
         let (camera, residual) = from_opencv(&camera, width, height).ok_or_else(|| {
             invalid("the distortion has no inverse over the sensor").in_context(path.display())
         })?;
-        let planes = calibration.lasers().map(|plane| [plane.per_mm.x, plane.per_mm.y, plane.per_mm.z, -1.0]);
         let taken = Calibration::new(calibration.serial(), [width, height], camera, planes)?;
         (calibration_json(&taken), residual)
     } else {
-        if args.camera.is_some() {
-            return Err(Usage("--camera goes with --from".into()).into());
-        }
         let named = |text: String| {
             Error::new(ErrorKind::InvalidCalibration, text).in_context(args.calibration.display())
         };
@@ -79,18 +86,23 @@ pub fn convert(args: &ConvertArgs) -> anyhow::Result<Finished> {
     if max_px > MOST_LEFT_PX {
         let from = args.camera.as_ref().unwrap_or(&args.calibration);
         let text = format!(
-            "the other model cannot have this lens: {max_px:.3} px would be left, {MOST_LEFT_PX} px at most are allowed"
+            "the other model cannot have this lens: {rms_px:.3} px rms and {max_px:.3} px at most would be left, at most {MOST_LEFT_PX} px is allowed"
         );
         return Err(Error::new(ErrorKind::InvalidCalibration, text).in_context(from.display()).into());
     }
     write_json(&args.output, &value)?;
+    // It belongs to the camera that was replaced.
+    let dropped = args.from.is_some() && calibration.covariance().is_some();
+    let warnings: Vec<&str> = dropped.then_some(DROPPED).into_iter().collect();
     let stdout = if args.json {
-        json!({"outcome": "converted", "rms_px": rms_px, "max_px": max_px}).to_string()
+        json!({"outcome": "converted", "rms_px": rms_px, "max_px": max_px, "warnings": warnings}).to_string()
     } else {
-        format!(
+        let written = format!(
             "written {}: refitted over the sensor, {rms_px:.4} px rms and {max_px:.4} px at most are left",
             args.output.display()
-        )
+        );
+        let warnings = warnings.iter().map(|warning| format!("\nwarning {warning}"));
+        format!("{written}{}", warnings.collect::<String>())
     };
     Ok(Finished { stdout, exit_code: 0 })
 }
@@ -118,7 +130,7 @@ fn read_opencv(path: &std::path::Path, width: u32, height: u32) -> Result<OpenCv
     let io =
         |e: std::io::Error| Error::new(ErrorKind::Io, format!("{name}: cannot read: {e}")).with_source(e);
     let mut bytes = Vec::new();
-    std::fs::File::open(path).map_err(io)?.take(MAX_BYTES).read_to_end(&mut bytes).map_err(io)?;
+    open_plain_file(path).map_err(io)?.take(MAX_BYTES).read_to_end(&mut bytes).map_err(io)?;
     let value = parse_json(&bytes, &name, ErrorKind::InvalidFile)?;
     camera_of(&value, width, height).map_err(|e| e.in_context(&name))
 }
@@ -134,7 +146,8 @@ fn camera_of(value: &Value, width: u32, height: u32) -> Result<OpenCvCamera, Err
         }
     }
     for (key, needed) in [("image_width", width), ("image_height", height)] {
-        if let Some(found) = value[key].as_u64().filter(|found| *found != u64::from(needed)) {
+        // Without it, it is the calibration's. Anything else that is no such number is another file than it seems to be.
+        if let Some(found) = value.get(key).filter(|found| found.as_u64() != Some(u64::from(needed))) {
             return Err(invalid(format!("{key} is {found}, the calibration has {needed}")));
         }
     }
@@ -148,11 +161,13 @@ fn camera_of(value: &Value, width: u32, height: u32) -> Result<OpenCvCamera, Err
             .ok_or_else(|| invalid(format!("{key}.data: finite numbers are needed")))
     };
     let k = numbers("camera_matrix")?;
-    let [fx, skew, cx, _, fy, cy, ..] = k[..] else {
+    let Ok([fx, skew, cx, below, fy, cy, last @ ..]) = <[f64; 9]>::try_from(&k[..]) else {
         return Err(invalid(format!("camera_matrix.data has {} numbers, 9 are needed", k.len())));
     };
-    if k.len() != 9 {
-        return Err(invalid(format!("camera_matrix.data has {} numbers, 9 are needed", k.len())));
+    if below != 0.0 || last != [0.0, 0.0, 1.0] {
+        return Err(invalid(format!(
+            "camera_matrix.data has {below} in row 2, column 1 and {last:?} as its last row, 0 and [0, 0, 1] are needed"
+        )));
     }
     if fx <= 0.0 || fy <= 0.0 {
         return Err(invalid(format!(

@@ -2,14 +2,16 @@
 
 use crate::Finished;
 use crate::args::MeasureOptions;
-use crate::input::{Usage, lit_faces, read_frame};
+use crate::input::{Usage, lit_faces, read_frame, sha256};
+use crate::output::check_outputs;
 use crate::say::say;
 use anyhow::Context;
-use boxline::{Calibration, FaceMeasurement, FaceOutcome, LaserId, measure_face};
+use boxline::{Calibration, Error, ErrorKind, FaceMeasurement, FaceOutcome, LaserId, measure_face};
 use boxline_calib::drift::{Direction, DirectionKind, Drift, LaserMotion, ObservedFace, estimate_drift};
-use boxline_proto::json::{calibration_json, read_calibration, read_recording, write_json};
+use boxline_proto::json::{Recording, calibration_json, read_calibration, read_recording, write_json};
 use clap::{Args as ClapArgs, ValueEnum};
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 const DONE: u8 = 0;
@@ -63,16 +65,21 @@ pub fn drift(args: &DriftArgs) -> anyhow::Result<Finished> {
     let recordings: Vec<_> =
         args.folders.iter().map(|folder| read_recording(folder)).collect::<Result<_, _>>()?;
     let file = args.calibration.clone().unwrap_or_else(|| recordings[0].calibration_file.clone());
-    if let Some(output) = &args.output
-        && same_file(output, &file)
-    {
-        return Err(Usage(format!("{}: would overwrite the calibration", output.display())).into());
+    if let Some(output) = &args.output {
+        let own = |recording: &Recording| recording.folder.join("recording.json");
+        let of_recordings = recordings
+            .iter()
+            .flat_map(|recording| recording.frames.iter().map(|f| f.file.clone()).chain([own(recording)]));
+        let inputs: Vec<PathBuf> = of_recordings.chain([file.clone()]).collect();
+        check_outputs(&[output], inputs.iter().map(PathBuf::as_path))?;
     }
     let calibration = read_calibration(&file)?;
     let network = args.measuring.network.load(args.measuring.edges)?;
     let settings = args.measuring.settings(None, network.as_ref());
-    let mut seen = Vec::new();
+    let mut seen: Vec<FaceResult> = Vec::new();
     let mut ruled = 0;
+    // A frame says what it says once: given twice, it would halve the variance of nothing new.
+    let mut names: BTreeMap<String, String> = BTreeMap::new();
     for (index, recording) in recordings.iter().enumerate() {
         if recording.serial != calibration.serial() {
             say(&format!(
@@ -83,11 +90,19 @@ pub fn drift(args: &DriftArgs) -> anyhow::Result<Finished> {
             ));
         }
         for recorded in lit_faces(recording) {
+            let folder = recording.folder.canonicalize().unwrap_or_else(|_unknown| recording.folder.clone());
+            let name = format!("{}/{}", folder.file_name().unwrap_or_default().display(), recorded.id);
+            let hash = sha256(&recorded.file)
+                .with_context(|| format!("{}: cannot read", recorded.file.display()))?;
+            if let Some(earlier) = names.get(&hash) {
+                let face = Err(format!("the same frame as {earlier}"));
+                seen.push(FaceResult { name, face });
+                continue;
+            }
+            names.insert(hash, name.clone());
             let frame = read_frame(&recorded.file)?;
             let report = measure_face(&frame, &calibration, &settings)
                 .map_err(|e| e.in_context(recorded.file.display()))?;
-            let name =
-                format!("{}/{}", recording.folder.file_name().unwrap_or_default().display(), recorded.id);
             let face = match &report.outcome {
                 FaceOutcome::Measured(measured) => ObservedFace::new(&calibration, measured)
                     .map(|face| match args.length.filter(|_| index == 0) {
@@ -106,12 +121,9 @@ pub fn drift(args: &DriftArgs) -> anyhow::Result<Finished> {
         return Err(Usage(text).into());
     }
     let faces: Vec<ObservedFace> = seen.iter().filter_map(|s| s.face.as_ref().ok().cloned()).collect();
-    let drift = estimate_drift(&calibration, &faces).with_context(|| {
-        let why = seen.iter().filter_map(|s| Some(format!("\n  {}: {}", s.name, s.face.as_ref().err()?)));
-        format!(
-            "faces left out (a laser that turned by 0.35 mrad makes most be refused):{}",
-            why.collect::<String>()
-        )
+    let drift = estimate_drift(&calibration, &faces).map_err(|e| match e.kind() {
+        ErrorKind::InvalidFrame => anyhow::Error::from(Usage(too_few(&e, &seen))),
+        _ => e.into(),
     })?;
     if let Some(output) = &args.output {
         write_json(output, &proposed(&calibration, &drift)?)?;
@@ -122,6 +134,16 @@ pub fn drift(args: &DriftArgs) -> anyhow::Result<Finished> {
         text(&drift, &seen, &calibration, args.output.as_deref())
     };
     Ok(Finished { stdout, exit_code: if drift.test.significant() { MOVED } else { DONE } })
+}
+
+/// What is told where too few faces are left, and why the others are not among them.
+fn too_few(e: &Error, seen: &[FaceResult]) -> String {
+    let why = seen.iter().filter_map(|s| Some(format!("\n  {}: {}", s.name, s.face.as_ref().err()?)));
+    let why: String = why.collect();
+    if why.is_empty() {
+        return e.to_string();
+    }
+    format!("{e}; faces left out (a laser that turned by 0.35 mrad makes most be refused):{why}")
 }
 
 /// The face with its side that is nearest to the known length, if one is near enough.
@@ -283,8 +305,4 @@ fn directions_line(drift: &Drift, kind: DirectionKind) -> Option<String> {
         String::new()
     };
     Some(format!("{name}: {} of {} directions observable{range}{more}", observable.len(), of_kind.len()))
-}
-
-fn same_file(a: &Path, b: &Path) -> bool {
-    matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
 }

@@ -3,9 +3,8 @@
 use crate::say::say;
 use anyhow::Context;
 use boxline::{Error, ErrorKind, Frame};
-use boxline_proto::json::{Laser, RecordedFrame, Recording, Role};
+use boxline_proto::json::{Laser, RecordedFrame, Recording, Role, open_plain_file};
 use sha2::{Digest, Sha256};
-use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
@@ -27,7 +26,7 @@ impl std::error::Error for Usage {}
 /// The SHA-256 of a file, in hexadecimal digits.
 pub fn sha256(path: &Path) -> std::io::Result<String> {
     let mut hasher = Sha256::new();
-    std::io::copy(&mut File::open(path)?, &mut hasher)?;
+    std::io::copy(&mut open_plain_file(path)?, &mut hasher)?;
     Ok(hasher.finalize().iter().map(|byte| format!("{byte:02x}")).collect())
 }
 
@@ -50,7 +49,7 @@ pub fn read_frame(path: &Path) -> Result<Frame, Error> {
     let failed =
         |e: std::io::Error| Error::new(ErrorKind::Io, format!("{name}: cannot read: {e}")).with_source(e);
     let mut bytes = Vec::new();
-    File::open(path).map_err(failed)?.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(failed)?;
+    open_plain_file(path).map_err(failed)?.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(failed)?;
     if bytes.len() as u64 > MAX_BYTES {
         return Err(Error::new(
             ErrorKind::InvalidFrame,

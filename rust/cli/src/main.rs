@@ -18,6 +18,7 @@ mod feasibility;
 mod head;
 mod input;
 mod measure;
+mod output;
 mod overlay;
 #[cfg(feature = "render")]
 mod render;

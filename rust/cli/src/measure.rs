@@ -3,6 +3,7 @@
 use crate::Finished;
 use crate::args::{FaceArgs, MeasureArgs, Output};
 use crate::input::{Usage, add_off, box_frames, read_frame};
+use crate::output::check_outputs;
 use crate::overlay::explain::{self, Stages};
 use crate::overlay::{self, Headline, View};
 use crate::say::say;
@@ -183,12 +184,5 @@ fn file_name(path: &Path) -> String {
 fn check_overlay(output: &Output, inputs: &[&Path]) -> anyhow::Result<()> {
     let Some(overlay) = &output.overlay else { return Ok(()) };
     overlay::format_of(overlay).map_err(|e| Usage(e.to_string()))?;
-    let same = |input: &&&Path| match (input.canonicalize(), overlay.canonicalize()) {
-        (Ok(input), Ok(overlay)) => input == overlay,
-        _ => false,
-    };
-    if inputs.iter().any(|input| same(&input)) {
-        return Err(Usage(format!("{}: the overlay would overwrite an input", overlay.display())).into());
-    }
-    Ok(())
+    Ok(check_outputs(&[overlay], inputs.iter().copied())?)
 }

@@ -2,7 +2,7 @@
 
 use crate::Finished;
 use crate::input::{box_frames, lit_faces, read_recorded};
-use boxline::{Estimate, FaceOutcome, Frame, Outcome, Settings, measure_box, measure_face};
+use boxline::{Error, ErrorKind, Estimate, FaceOutcome, Frame, Outcome, Settings, measure_box, measure_face};
 use boxline_calib::uncertainty::{side_sigma_mm, usual_distance_mm};
 use boxline_edgenet::{EdgeNet, Options};
 use boxline_proto::json::{read_calibration, read_recording};
@@ -60,7 +60,13 @@ pub fn verify(args: &VerifyArgs) -> anyhow::Result<Finished> {
             Outcome::Rejected(reject) => why = reject.to_string(),
         }
     } else {
-        for recorded in lit_faces(&recording) {
+        let faces = lit_faces(&recording);
+        if faces.is_empty() {
+            let text = "no frame of a face with the lasers on, which is needed";
+            let name = recording.folder.join("recording.json");
+            return Err(Error::new(ErrorKind::InvalidFile, text).in_context(name.display()).into());
+        }
+        for recorded in faces {
             let frame = read_recorded(&recording, recorded, true)?;
             match measure_face(&frame, &calibration, &settings)?.outcome {
                 FaceOutcome::Measured(face) => sides.extend([face.length, face.width]),

@@ -481,6 +481,139 @@ fn any_folder_of_pictures_will_do() {
     assert!(stderr(&wrong).contains("COLUMNSxROWS"), "{}", stderr(&wrong));
 }
 
+/// The serial number of a folder of pictures is its own name, by whatever way it is named; none is refused.
+#[test]
+fn a_head_always_has_a_serial_number() {
+    let set = Set::of(8, |_, half| jpeg(half));
+    std::fs::remove_file(set.folder.path().join("recording.json")).unwrap();
+    let output = set.output();
+    let run = |more: &[&str]| {
+        let words = ["calibrate", ".", "--json", "-o", text(&output)];
+        let mut program = std::process::Command::new(env!("CARGO_BIN_EXE_boxline"));
+        program.args(words).args(more).current_dir(set.folder.path()).output().unwrap()
+    };
+    let found = json_of(&run(&[]));
+    assert_eq!(found["calibration"]["serial"], set.folder.path().file_name().unwrap().to_str().unwrap());
+    std::fs::remove_file(&output).unwrap();
+    let empty = run(&["--serial", ""]);
+    assert_eq!((empty.status.code(), set.left_behind()), (Some(2), 0), "{}", stderr(&empty));
+}
+
+/// Whoever asks for the skew is told it and how well it is known; nobody else is told of one.
+#[test]
+fn a_skew_that_is_asked_for_is_told_with_its_sigma() {
+    let set = Set::of(8, |_, half| jpeg(half));
+    let camera = json_of(&set.run_with(&["--camera-only", "--skew"]));
+    let (skew, sigma) = (&camera["camera"]["camera"]["skew"], &camera["camera"]["sigmas"]["skew"]);
+    let (skew, sigma) = (skew.as_f64().unwrap(), sigma.as_f64().unwrap());
+    // Rendered without any.
+    assert!(sigma > 0.0 && sigma < 1.0 && skew.abs() < 5.0 * sigma, "{skew} ± {sigma}");
+    let output = set.output();
+    let words = ["calibrate", text(set.folder.path()), "-o", text(&output)];
+    let said = stdout(&boxline(&[&words[..], &["--skew"]].concat()));
+    assert!(said.contains("\nskew       "), "{said}");
+    let sigma = &read(&set.output())["residuals"]["skew_sigma_px"];
+    assert!(sigma.as_f64().unwrap() > 0.0, "{sigma}");
+    assert!(json_of(&set.run_with(&["--camera-only"]))["camera"]["sigmas"].get("skew").is_none());
+}
+
+#[test]
+fn calibration_and_report_do_not_go_into_one_file() {
+    let set = Set::of(1, |_, half| jpeg(half));
+    let same = set.folder.path().join("out/../out/calibration.json");
+    let output = set.run_with(&["--report", text(&same)]);
+    assert_eq!((output.status.code(), set.left_behind()), (Some(2), 0));
+    assert!(stderr(&output).contains("two results"), "{}", stderr(&output));
+}
+
+/// A pipe that nobody writes to is no file to wait for.
+#[cfg(unix)]
+#[test]
+fn a_pipe_is_refused() {
+    let mut set = Set::of(8, |_, half| jpeg(half));
+    let pipe = |name: &str| {
+        let path = set.folder.path().join(name);
+        assert!(std::process::Command::new("mkfifo").arg(&path).status().unwrap().success());
+        path
+    };
+    pipe("c99.jpg");
+    let calibration = pipe("pipe.json");
+    let output = boxline(&["convert", text(&calibration), "--to", "opencv", "-o", text(&set.output())]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(stderr(&output).contains("not a plain file"), "{}", stderr(&output));
+    let output = boxline(&[
+        "convert",
+        text(&data("calibration_set/calibration.json")),
+        "--from",
+        "opencv",
+        "--camera",
+        text(&calibration),
+        "-o",
+        text(&set.output()),
+    ]);
+    assert!(stderr(&output).contains("not a plain file"), "{}", stderr(&output));
+    set.frames.push(json!({"id": "c99", "file": "c99.jpg", "role": "board", "laser": "on"}));
+    let recording = json!({"format": "boxline-recording/1", "device": {"serial": "T-1"},
+        "calibration": "none.json", "frames": set.frames});
+    set.write("recording.json", recording.to_string().as_bytes());
+    let object = set.solved_without(&["c99"]);
+    assert!(why(&object, 0).contains("not a plain file"), "{object}");
+}
+
+#[test]
+fn verify_needs_a_face() {
+    let calibration = data("calibration_set/calibration.json");
+    let output = boxline(&[
+        "verify",
+        text(&data("board")),
+        "--calibration",
+        text(&calibration),
+        "--length",
+        "800",
+        "--json",
+    ]);
+    assert_eq!(output.status.code(), Some(2), "{}", stdout(&output));
+    let error = &json_of(&output)["error"];
+    assert_eq!(error["kind"], "invalid_file");
+    assert!(error["text"].as_str().unwrap().contains("no frame of a face"), "{error}");
+}
+
+#[test]
+fn convert_goes_one_way_and_never_over_its_input() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let (calibration, camera, new) = (at("c.json"), at("camera.json"), at("new.json"));
+    std::fs::copy(data("calibration_set/calibration.json"), &calibration).unwrap();
+    let convert = |more: &[&str], output: &Path| {
+        boxline(&[&["convert", text(&calibration), "-o", text(output)], more].concat())
+    };
+    let from = ["--from", "opencv", "--camera", text(&camera)];
+    assert_eq!(convert(&["--to", "opencv"], &camera).status.code(), Some(0));
+    // Neither way, both, the other program's camera without a way.
+    let both = [&from[..], &["--to", "opencv"]].concat();
+    for words in [&[][..], &both, &from[2..], &["--to", "opencv", "--camera", text(&camera)]] {
+        let output = convert(words, &new);
+        assert_eq!(output.status.code(), Some(2), "{words:?}: {}", stdout(&output));
+        assert!(!new.exists(), "{words:?}");
+    }
+    for (words, output) in [(&["--to", "opencv"][..], &calibration), (&from, &calibration), (&from, &camera)]
+    {
+        let before = std::fs::read(output).unwrap();
+        let refused = convert(words, output);
+        assert_eq!(refused.status.code(), Some(2), "{words:?}");
+        assert!(stderr(&refused).contains("would overwrite an input"), "{}", stderr(&refused));
+        assert_eq!(std::fs::read(output).unwrap(), before);
+    }
+    // A covariance is of the camera that is replaced.
+    let mut value = read(&calibration);
+    let row = |i: usize| (0..18).map(|j| if i == j { 1e-12 } else { 0.0 }).collect::<Vec<f64>>();
+    assert!(!stdout(&convert(&from, &new)).contains("covariance"));
+    value["covariance"] = json!((0..18).map(row).collect::<Vec<_>>());
+    std::fs::write(&calibration, value.to_string()).unwrap();
+    assert!(stdout(&convert(&from, &new)).contains("the calibration's covariance is of its old camera"));
+    assert!(read(&new).get("covariance").is_none());
+}
+
 #[test]
 fn a_camera_goes_to_opencv_and_back() {
     let folder = tempfile::tempdir().unwrap();
@@ -529,6 +662,16 @@ fn a_camera_goes_to_opencv_and_back() {
     };
     broken(&|v| v["camera_matrix"]["data"][1] = json!(3.0), "skew");
     broken(&|v| v["image_width"] = json!(640), "image_width is 640");
+    for odd in [json!("2592"), json!(2592.0), json!(-1), json!(1e308), json!(null)] {
+        broken(&|v| v["image_width"] = odd.clone(), "image_width is ");
+        broken(&|v| v["image_height"] = odd.clone(), "image_height is ");
+    }
+    for place in [3, 6, 7, 8] {
+        broken(&|v| v["camera_matrix"]["data"][place] = json!(2.0), "last row");
+    }
+    broken(&|v| v["camera_matrix"]["data"][0] = json!(24.0), "fx is 24 px");
+    broken(&|v| v["camera_matrix"]["data"][4] = json!(1e308), "fy is 1");
+    broken(&|v| v["camera_matrix"]["data"][2] = json!(-99999.0), "cx is -99999 px");
     broken(&|v| v["distortion_coefficients"]["data"] = json!(vec![0.1; 8]), "8 numbers");
     broken(&|v| v["camera_matrix"] = json!(null), "camera_matrix");
     broken(&|v| v["distortion_model"] = json!("cv::fisheye"), "fisheye");
@@ -540,7 +683,9 @@ fn a_camera_goes_to_opencv_and_back() {
     std::fs::write(&file, value.to_string()).unwrap();
     let output = from(&file);
     assert_eq!(output.status.code(), Some(2), "{}", stdout(&output));
-    assert!(stderr(&output).contains("wild.json") && stderr(&output).contains("px"), "{}", stderr(&output));
+    for word in ["wild.json", "px rms and", "at most 1 px is allowed"] {
+        assert!(stderr(&output).contains(word), "{}", stderr(&output));
+    }
     assert!(!back.exists());
     // A decentred one is.
     value["distortion_coefficients"]["data"] = json!([0.03, -0.06, 0.0078, -0.003, 0.03]);

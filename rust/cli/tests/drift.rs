@@ -73,7 +73,7 @@ fn a_turned_laser_is_seen_and_put_back_but_only_on_request() {
 
     let overwrite = drift(Some(&proposed), &["-o", text(&proposed)]);
     assert_eq!(overwrite.status.code(), Some(2));
-    assert!(stderr(&overwrite).contains("would overwrite the calibration"));
+    assert!(stderr(&overwrite).contains("would overwrite an input"));
 }
 
 #[test]
@@ -88,6 +88,70 @@ fn one_box_is_too_little() {
     let output = boxline(&["drift", text(&data("b02"))]);
     assert_eq!(output.status.code(), Some(2));
     assert!(stderr(&output).contains("2 measured faces, 3 are needed"), "{}", stderr(&output));
+    // No list of nothing.
+    assert!(!stderr(&output).contains("left out"), "{}", stderr(&output));
+}
+
+/// A file beside the recordings, or within one, that is read is not written; what cannot be written is told before the work.
+#[test]
+fn inputs_stay_and_a_missing_folder_is_told_first() {
+    let place = tempfile::tempdir().unwrap();
+    let copy = place.path().join("b02");
+    std::fs::create_dir(&copy).unwrap();
+    for entry in std::fs::read_dir(data("b02")).unwrap() {
+        let file = entry.unwrap().path();
+        std::fs::copy(&file, copy.join(file.file_name().unwrap())).unwrap();
+    }
+    let calibration = place.path().join("calibration.json");
+    std::fs::write(&calibration, true_calibration().to_string()).unwrap();
+    let run = |output: &std::path::Path| {
+        boxline(&[
+            "drift",
+            text(&data("b01")),
+            text(&copy),
+            "--calibration",
+            text(&calibration),
+            "-o",
+            text(output),
+        ])
+    };
+    for input in ["b02/a.jpg", "b02/b.jpg", "b02/recording.json", "calibration.json"] {
+        let input = place.path().join(input);
+        let before = std::fs::read(&input).unwrap();
+        let output = run(&input);
+        assert_eq!(output.status.code(), Some(2));
+        assert!(stderr(&output).contains("would overwrite an input"), "{}", stderr(&output));
+        assert_eq!(std::fs::read(&input).unwrap(), before);
+    }
+    let output = run(&place.path().join("nowhere/new.json"));
+    assert!(stderr(&output).contains("nowhere: no such folder"), "{}", stderr(&output));
+}
+
+#[test]
+fn a_recording_counts_once_however_often_it_is_named() {
+    let place = tempfile::tempdir().unwrap();
+    let copy = place.path().join("again");
+    std::fs::create_dir(&copy).unwrap();
+    for entry in std::fs::read_dir(data("b02")).unwrap() {
+        let file = entry.unwrap().path();
+        std::fs::copy(&file, copy.join(file.file_name().unwrap())).unwrap();
+    }
+    let calibration = place.path().join("calibration.json");
+    std::fs::write(&calibration, true_calibration().to_string()).unwrap();
+    // By its name, by another way to it, and as a copy of its files: two faces, not six.
+    let other_way = data("b02").join("../b02");
+    let folders = [text(&data("b02")).to_owned(), text(&other_way).to_owned(), text(&copy).to_owned()];
+    let mut words = vec!["drift", "--json", "--calibration", text(&calibration)];
+    words.extend(folders.iter().map(String::as_str));
+    let output = boxline(&words);
+    assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
+    let error = &json_of(&output)["error"];
+    let said = error["text"].as_str().unwrap();
+    assert!(said.starts_with("2 measured faces, 3 are needed"), "{said}");
+    for name in ["b02/a: the same frame as b02/a", "again/b: the same frame as b02/b"] {
+        assert!(said.contains(name), "{said}");
+    }
+    assert_eq!(error["kind"], "usage");
 }
 
 #[test]

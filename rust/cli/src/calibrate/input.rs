@@ -1,9 +1,12 @@
 //! What `boxline calibrate` is given: frames of a board, from a recording or from any folder of JPEGs, and the board.
 
 use super::CalibrateArgs;
+use crate::input::Usage;
 use boxline::{Error, ErrorKind};
 use boxline_calib::Board;
-use boxline_proto::json::{BOARD_SIZES_MM, Laser, Role, read_board, read_recording};
+use boxline_proto::json::{
+    BOARD_CIRCLES_IN_ROW, BOARD_SIZES_MM, Laser, MOST_BOARD_CIRCLES, Role, read_board, read_recording,
+};
 use std::path::{Path, PathBuf};
 
 /// A picture of the board.
@@ -28,24 +31,26 @@ pub enum BoardSpec {
     File(PathBuf),
 }
 
-/// Circles of a row, as in board files.
-const CIRCLES: std::ops::RangeInclusive<u32> = 2..=1000;
-
 /// `COLUMNSxROWS:PITCH:DIAMETER` in mm, or a file.
 ///
 /// # Errors
 /// What is wrong with a text that begins like a grid.
 pub fn parse_board_spec(text: &str) -> Result<BoardSpec, String> {
-    let number = |text: &str| !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit());
     let (grid, sizes) = text.split_once(':').unwrap_or((text, ""));
-    if !grid.split_once('x').is_some_and(|(columns, rows)| number(columns) && number(rows)) {
+    // Numbers and an x, however they are written: no file is called so, and what is wrong with the grid helps more.
+    let like_grid = |b: u8| b.is_ascii_digit() || b"xX.,+-* ".contains(&b);
+    let is_grid = grid.bytes().all(like_grid) && grid.contains(['x', 'X', '*']);
+    if !is_grid && !text.is_empty() {
         return Ok(BoardSpec::File(text.into()));
     }
-    let circles = |text: &str| text.parse().ok().filter(|n| CIRCLES.contains(n));
+    let circles = |text: &str| text.parse().ok().filter(|n| BOARD_CIRCLES_IN_ROW.contains(n));
     let size = |text: &str| text.parse().ok().filter(|mm| BOARD_SIZES_MM.contains(mm));
     let grid = grid.split_once('x').and_then(|(c, r)| Some((circles(c)?, circles(r)?)));
     let sizes = sizes.split_once(':').and_then(|(p, d)| Some((size(p)?, size(d)?)));
     match (grid, sizes) {
+        (Some((columns, rows)), _) if columns * rows > MOST_BOARD_CIRCLES => {
+            Err(format!("{text:?} has {} circles, at most {MOST_BOARD_CIRCLES} are allowed", columns * rows))
+        }
         (Some((columns, rows)), Some((pitch_mm, diameter_mm))) if diameter_mm < pitch_mm => {
             Ok(BoardSpec::Grid(Board { columns, rows, pitch_mm, diameter_mm }))
         }
@@ -69,11 +74,16 @@ impl Input {
             files.push(recording_file);
             (recording.serial, boards.map(|f| BoardFrame { id: f.id, file: f.file }).collect())
         } else {
-            let name = folder.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            (name, pictures_in(folder)?)
+            let frames = pictures_in(folder)?;
+            (name_of(folder), frames)
         };
         let board = read_board_of(args, folder, &mut files)?;
-        Ok(Self { serial: args.serial.clone().unwrap_or(serial), frames, board, files })
+        let serial = args.serial.clone().unwrap_or(serial);
+        if serial.is_empty() {
+            let text = format!("{}: the folder has no name; --serial TEXT names the head", folder.display());
+            return Err(Usage(text).into());
+        }
+        Ok(Self { serial, frames, board, files })
     }
 
     /// All files that are read.
@@ -97,6 +107,12 @@ pub fn read_board_of(args: &CalibrateArgs, folder: &Path, files: &mut Vec<PathBu
     let written = read_board(&file)?;
     let (pitch_mm, diameter_mm) = (written.pitch_mm, written.diameter_mm);
     Ok(Board { columns: written.columns, rows: written.rows, pitch_mm, diameter_mm })
+}
+
+/// A folder's own name, whatever it is called by: `.` has one too, the file system's root none.
+fn name_of(folder: &Path) -> String {
+    let whole = folder.canonicalize().unwrap_or_else(|_no_such_folder| folder.into());
+    whole.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// The JPEGs of a folder by name; at least one.
@@ -148,8 +164,14 @@ mod tests {
             "7x4000000000:37.5:18",
             "7x7",
             "7x7:nan:18",
+            "",
+            "7X7:37.5:18.75",
+            "7.5x7:1:1",
+            "-7x7:37.5:18.75",
         ] {
             assert!(parse_board_spec(wrong).unwrap_err().contains("COLUMNSxROWS"), "{wrong}");
         }
+        let many = parse_board_spec("1000x1000:100:50").unwrap_err();
+        assert!(many.contains("1000000 circles, at most 10000"), "{many}");
     }
 }

@@ -9,6 +9,7 @@ mod report;
 use crate::Finished;
 use crate::head::DeviceChoice;
 use crate::input::{Usage, read_frame};
+use crate::output::{check_outputs, folder_of};
 use anyhow::Context;
 use boxline::calibration::{CalibrationCovariance, PAPER_PARAMETERS};
 use boxline::{Calibration, CameraModel, Frame, LaserId};
@@ -19,12 +20,13 @@ use boxline_calib::{
     solve_all, solve_camera,
 };
 use boxline_proto::json::{calibration_json, camera_json, write_json};
+use clap::builder::NonEmptyStringValueParser;
 use clap::{Args as ClapArgs, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use input::{BoardFrame, BoardSpec, Input, parse_board_spec};
 use rayon::prelude::*; // frames are independent; scoped threads would need a queue of our own
 use serde_json::{Value, json};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 pub use plots::COLOURS;
@@ -61,7 +63,7 @@ pub struct CalibrateArgs {
     #[arg(long, value_name = "GRID|FILE", value_parser = parse_board_spec)]
     pub board: Option<BoardSpec>,
     /// Serial number of the head, if it is not the recording's or the folder's name
-    #[arg(long, value_name = "TEXT")]
+    #[arg(long, value_name = "TEXT", value_parser = NonEmptyStringValueParser::new())]
     pub serial: Option<String>,
     /// The camera alone, from frames without lasers (format boxline-camera/1)
     #[arg(long, conflicts_with = "report")]
@@ -114,16 +116,15 @@ pub struct Solved {
 /// Runs `boxline calibrate`.
 pub fn calibrate(args: &CalibrateArgs) -> anyhow::Result<Finished> {
     // Told now, not after minutes of work.
-    for folder in [Some(&args.output), args.report.as_ref()].into_iter().flatten().map(|file| folder_of(file))
-    {
-        if !folder.is_dir() {
-            return Err(Usage(format!("{}: no such folder", folder.display())).into());
-        }
-    }
+    check_outputs(&outputs(args), [])?;
     match &args.folder {
         Some(folder) => solve(args, Input::read(folder, args)?),
         None => live(args),
     }
+}
+
+fn outputs(args: &CalibrateArgs) -> Vec<&Path> {
+    [Some(&args.output), args.report.as_ref()].into_iter().flatten().map(PathBuf::as_path).collect()
 }
 
 /// Takes frames with a head, then solves with them.
@@ -132,7 +133,7 @@ fn live(args: &CalibrateArgs) -> anyhow::Result<Finished> {
         let text = format!("{}: is a recording, to which nothing is added", folder.display());
         return Err(Usage(text).into());
     }
-    let board = input::read_board_of(args, std::path::Path::new("."), &mut Vec::new())?;
+    let board = input::read_board_of(args, Path::new("."), &mut Vec::new())?;
     let taken = live::take(args, &board)?;
     if taken.count == 0 {
         return Ok(refused(args, &[], &CalibrationReject::TooFewFrames { usable: 0, needed: MIN_FRAMES }));
@@ -148,11 +149,7 @@ fn live(args: &CalibrateArgs) -> anyhow::Result<Finished> {
 
 fn solve(args: &CalibrateArgs, input: Input) -> anyhow::Result<Finished> {
     let start = Instant::now();
-    for output in [Some(&args.output), args.report.as_ref()].into_iter().flatten() {
-        if input.all_files().any(|input| same_file(input, output)) {
-            return Err(Usage(format!("{}: would overwrite an input", output.display())).into());
-        }
-    }
+    check_outputs(&outputs(args), input.all_files())?;
     let mut left_out = Vec::new();
     let names: Vec<String> = input.frames.iter().map(|f| f.id.clone()).collect();
     let camera = match solve_circles(&input, args, &mut left_out) {
@@ -217,7 +214,7 @@ fn camera_alone(
         Err(reject) => return Ok(refused(args, left_out, &reject)),
     };
     let used: Vec<&str> = camera.views.iter().map(|view| input.frames[indices[*view]].id.as_str()).collect();
-    let rows = camera_rows(&camera.camera, camera.lens, &camera.covariance);
+    let rows = camera_rows(&camera.camera, camera.lens, &camera.covariance, camera.skew_sigma_px);
     let mut value = json!({
         "format": "boxline-camera/1",
         "image_size": size_px,
@@ -357,6 +354,7 @@ fn calibration_value(solved: &Solved) -> anyhow::Result<Value> {
     value["residuals"] = json!({
         "circles_rms_px": s.centre_rms_px,
         "stripes_rms_px": s.stripe_rms_px,
+        "skew_sigma_px": s.skew_sigma_px,
         "frames": s.frames.len(),
         "circles": s.frames.iter().map(|f| f.centres.len()).sum::<usize>(),
         "stripe_points": s.frames.iter().map(|f| f.stripes.len()).sum::<usize>(),
@@ -416,19 +414,21 @@ pub fn camera_rows(
     c: &CameraModel,
     lens: LensTerms,
     covariance: &CalibrationCovariance,
+    skew_sigma_px: Option<f64>,
 ) -> Vec<(&'static str, f64, f64)> {
     let values = [("fx", c.fx), ("fy", c.fy), ("cx", c.cx), ("cy", c.cy), ("k1", c.k1), ("k2", c.k2)];
     let more = [("p1", c.p1, lens.decentred), ("p2", c.p2, lens.decentred), ("k3", c.k3, lens.k3)];
     let sigma = |i: usize| covariance[(i, i)].max(0.0).sqrt();
     let paper = values.into_iter().enumerate().map(|(i, (name, value))| (name, value, sigma(i)));
     let more = more.into_iter().enumerate().filter(|(_, (.., used))| *used);
-    paper.chain(more.map(|(i, (name, value, _))| (name, value, sigma(PAPER_PARAMETERS + i)))).collect()
+    let more = more.map(|(i, (name, value, _))| (name, value, sigma(PAPER_PARAMETERS + i)));
+    paper.chain(more).chain(skew_sigma_px.map(|sigma| ("skew", c.skew, sigma))).collect()
 }
 
 fn row_lines(rows: &[(&'static str, f64, f64)]) -> impl Iterator<Item = String> {
     rows.iter().map(|(name, value, sigma)| {
         let digits = if name.starts_with(['k', 'p']) { 6 } else { 3 };
-        format!("{name}         {value:.digits$} ± {sigma:.digits$}")
+        format!("{name:<11}{value:.digits$} ± {sigma:.digits$}")
     })
 }
 
@@ -491,7 +491,7 @@ fn text(solved: &Solved, args: &CalibrateArgs) -> String {
         solved.seconds
     )];
     lines.extend(solved.left_out.iter().map(|(name, why)| format!("left out   {name}: {why}")));
-    lines.extend(row_lines(&camera_rows(&s.camera, s.lens, &s.covariance)));
+    lines.extend(row_lines(&camera_rows(&s.camera, s.lens, &s.covariance, s.skew_sigma_px)));
     lines.push(format!("lens       {}", lens_text(s.lens, &s.lens_trials)));
     lines.push(format!("circles    {:.3}, {:.3} px rms (u, v)", s.centre_rms_px[0], s.centre_rms_px[1]));
     for id in LaserId::ALL {
@@ -517,16 +517,8 @@ fn text(solved: &Solved, args: &CalibrateArgs) -> String {
     lines.join("\n")
 }
 
-fn same_file(a: &std::path::Path, b: &std::path::Path) -> bool {
-    matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
-}
-
-fn folder_of(path: &std::path::Path) -> &std::path::Path {
-    path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(std::path::Path::new("."))
-}
-
 /// A report appears whole or not at all.
-fn write_whole(path: &std::path::Path, text: &str) -> anyhow::Result<()> {
+fn write_whole(path: &Path, text: &str) -> anyhow::Result<()> {
     use std::io::Write;
     let write = || -> std::io::Result<()> {
         let mut file = tempfile::NamedTempFile::new_in(folder_of(path))?;

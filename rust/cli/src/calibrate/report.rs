@@ -91,7 +91,7 @@ fn parameters(solved: &Solved) -> Markup {
     html! {
         table {
             tr { th { "camera" } th { "value" } th { "±" } }
-            @for (name, value, sigma) in camera_rows(&s.camera, s.lens, &s.covariance) {
+            @for (name, value, sigma) in camera_rows(&s.camera, s.lens, &s.covariance, s.skew_sigma_px) {
                 tr { td { (name) } td { (format!("{value:.5}")) } td { (format!("{sigma:.5}")) } }
             }
         }
