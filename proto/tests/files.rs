@@ -344,12 +344,13 @@ fn a_lens_without_an_inverse_is_refused() {
 fn a_covariance_that_no_parameters_have_is_refused() {
     // Three parameters of which each two go against each other by `apart`: possible up to a half.
     let with = |apart: f64| {
-        let mut rows = vec![vec![0.0; 18]; 18];
-        for i in 0..3 {
-            for j in 0..3 {
-                rows[i][j] = if i == j { 1e-4 } else { -apart * 1e-4 };
-            }
-        }
+        let entry = |i: usize, j: usize| match (i, j) {
+            (i, j) if i == j && i < 3 => 1e-4,
+            (0..3, 0..3) => -apart * 1e-4,
+            _ => 0.0,
+        };
+        let row = |i: usize| (0..18).map(|j| entry(i, j)).collect::<Vec<f64>>();
+        let rows: Vec<_> = (0..18).map(row).collect();
         let mut changed = parsed("calibration_set/calibration.json");
         changed["covariance"] = json!(rows);
         parse_calibration(changed.to_string().as_bytes(), "head.json")
