@@ -3,7 +3,7 @@
 use crate::Finished;
 use crate::args::{FaceArgs, MeasureArgs, Output};
 use crate::input::{Usage, add_off, box_frames, read_frame};
-use crate::output::check_outputs;
+use crate::output::check_places;
 use crate::overlay::explain::{self, Stages};
 use crate::overlay::{self, Headline, View};
 use crate::say::say;
@@ -184,5 +184,5 @@ fn file_name(path: &Path) -> String {
 fn check_overlay(output: &Output, inputs: &[&Path]) -> anyhow::Result<()> {
     let Some(overlay) = &output.overlay else { return Ok(()) };
     overlay::format_of(overlay).map_err(|e| Usage(e.to_string()))?;
-    Ok(check_outputs(&[overlay], inputs.iter().copied())?)
+    Ok(check_places(&[overlay], inputs.iter().copied())?)
 }

@@ -3,7 +3,7 @@
 use crate::input::Usage;
 use std::path::{Path, PathBuf};
 
-/// Fails unless every result has a place of its own.
+/// Fails unless every result has a folder and a place of its own in it.
 pub fn check_outputs<'a>(outputs: &[&Path], inputs: impl IntoIterator<Item = &'a Path>) -> Result<(), Usage> {
     for output in outputs {
         let folder = folder_of(output);
@@ -11,6 +11,11 @@ pub fn check_outputs<'a>(outputs: &[&Path], inputs: impl IntoIterator<Item = &'a
             return Err(Usage(format!("{}: no such folder", folder.display())));
         }
     }
+    check_places(outputs, inputs)
+}
+
+/// Fails if a result would go over an input or another result. Whether there is a folder for it, writing tells.
+pub fn check_places<'a>(outputs: &[&Path], inputs: impl IntoIterator<Item = &'a Path>) -> Result<(), Usage> {
     for (i, output) in outputs.iter().enumerate() {
         if outputs[..i].iter().any(|other| same_file(other, output)) {
             return Err(Usage(format!("{}: two results would go into this file", output.display())));
