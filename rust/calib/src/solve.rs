@@ -365,7 +365,8 @@ impl CameraSolution {
     fn pose_left_out_frames(&mut self) {
         let fixed = Fixed { all: true, ..self.fixed(false, true) };
         self.centres_from_rims();
-        for (frame, _) in self.frames.iter_mut().zip(&self.rejects).filter(|(_, reject)| reject.is_some()) {
+        let judged = |reject: &Option<FrameReject>| matches!(reject, Some(FrameReject::Outlier { .. }));
+        for (frame, _) in self.frames.iter_mut().zip(&self.rejects).filter(|(_, reject)| judged(reject)) {
             let mut posed = [frame.clone()];
             let posing = |posed: &mut [FrameObservations]| {
                 adjust(&mut self.shared.clone(), posed, &Scatter::EVEN, fixed, Loss::Huber)

@@ -4,6 +4,7 @@
 use crate::Finished;
 use crate::head::{DeviceChoice, warn_without_covariance};
 use crate::input::Usage;
+use crate::output::folder_of;
 use crate::say::say;
 use anyhow::Context;
 use boxline::Calibration;
@@ -17,7 +18,7 @@ use clap::Args as ClapArgs;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 use std::io::IsTerminal;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 #[derive(ClapArgs)]
@@ -106,7 +107,7 @@ pub fn capture(args: &CaptureArgs) -> anyhow::Result<Finished> {
             Usage(format!("{}: is there already; nothing is overwritten", args.output.display())).into()
         );
     }
-    let parent = args.output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let parent = folder_of(&args.output);
     let beside = tempfile::Builder::new()
         .prefix(".boxline-")
         .tempdir_in(parent)

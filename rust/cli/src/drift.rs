@@ -2,7 +2,7 @@
 
 use crate::Finished;
 use crate::args::MeasureOptions;
-use crate::input::{Usage, lit_faces, read_frame, sha256};
+use crate::input::{Usage, lit_faces, own_name, read_frame, sha256};
 use crate::output::check_outputs;
 use crate::say::say;
 use anyhow::Context;
@@ -89,9 +89,9 @@ pub fn drift(args: &DriftArgs) -> anyhow::Result<Finished> {
                 calibration.serial()
             ));
         }
+        let folder = own_name(&recording.folder);
         for recorded in lit_faces(recording) {
-            let folder = recording.folder.canonicalize().unwrap_or_else(|_unknown| recording.folder.clone());
-            let name = format!("{}/{}", folder.file_name().unwrap_or_default().display(), recorded.id);
+            let name = format!("{folder}/{}", recorded.id);
             let hash = sha256(&recorded.file)
                 .with_context(|| format!("{}: cannot read", recorded.file.display()))?;
             if let Some(earlier) = names.get(&hash) {

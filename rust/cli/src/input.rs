@@ -23,6 +23,12 @@ impl std::fmt::Display for Usage {
 
 impl std::error::Error for Usage {}
 
+/// A folder's own name, whatever it is called by: `.` has one too, the file system's root none.
+pub fn own_name(folder: &Path) -> String {
+    let whole = folder.canonicalize().unwrap_or_else(|_no_such_folder| folder.into());
+    whole.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
 /// The SHA-256 of a file, in hexadecimal digits.
 pub fn sha256(path: &Path) -> std::io::Result<String> {
     let mut hasher = Sha256::new();

@@ -1,6 +1,9 @@
-//! Where results go: into a folder that is there, never over an input, never two into one file. Told before the work.
+//! Where results go: into a folder that is there, never over an input, never two into one file, which is told before the work; and how:
+//! whole or not at all.
 
 use crate::input::Usage;
+use anyhow::Context;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// Fails unless every result has a folder and a place of its own in it.
@@ -32,6 +35,17 @@ pub fn check_places<'a>(outputs: &[&Path], inputs: impl IntoIterator<Item = &'a 
 /// The folder of a file.
 pub fn folder_of(file: &Path) -> &Path {
     file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// A file that appears whole or not at all.
+pub fn write_whole(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
+    let write = || -> std::io::Result<()> {
+        let mut file = tempfile::NamedTempFile::new_in(folder_of(path))?;
+        file.write_all(bytes)?;
+        file.persist(path)?;
+        Ok(())
+    };
+    write().with_context(|| format!("{}: cannot write", path.display()))
 }
 
 fn same_file(a: &Path, b: &Path) -> bool {

@@ -40,6 +40,19 @@ fn turned(folder: &TempDir, angle_rad: f64) -> PathBuf {
     path
 }
 
+/// A copy of b02 of this name, and the true calibration beside it.
+fn copied(place: &TempDir, name: &str) -> (PathBuf, PathBuf) {
+    let copy = place.path().join(name);
+    std::fs::create_dir(&copy).unwrap();
+    for entry in std::fs::read_dir(data("b02")).unwrap() {
+        let file = entry.unwrap().path();
+        std::fs::copy(&file, copy.join(file.file_name().unwrap())).unwrap();
+    }
+    let calibration = place.path().join("calibration.json");
+    std::fs::write(&calibration, true_calibration().to_string()).unwrap();
+    (copy, calibration)
+}
+
 fn drift(calibration: Option<&PathBuf>, more: &[&str]) -> std::process::Output {
     let folders = BOXES.map(data);
     // Of the six boxes the default is sure of three: too few faces for one laser's own tilt.
@@ -96,14 +109,7 @@ fn one_box_is_too_little() {
 #[test]
 fn inputs_stay_and_a_missing_folder_is_told_first() {
     let place = tempfile::tempdir().unwrap();
-    let copy = place.path().join("b02");
-    std::fs::create_dir(&copy).unwrap();
-    for entry in std::fs::read_dir(data("b02")).unwrap() {
-        let file = entry.unwrap().path();
-        std::fs::copy(&file, copy.join(file.file_name().unwrap())).unwrap();
-    }
-    let calibration = place.path().join("calibration.json");
-    std::fs::write(&calibration, true_calibration().to_string()).unwrap();
+    let (copy, calibration) = copied(&place, "b02");
     let run = |output: &std::path::Path| {
         boxline(&[
             "drift",
@@ -130,14 +136,7 @@ fn inputs_stay_and_a_missing_folder_is_told_first() {
 #[test]
 fn a_recording_counts_once_however_often_it_is_named() {
     let place = tempfile::tempdir().unwrap();
-    let copy = place.path().join("again");
-    std::fs::create_dir(&copy).unwrap();
-    for entry in std::fs::read_dir(data("b02")).unwrap() {
-        let file = entry.unwrap().path();
-        std::fs::copy(&file, copy.join(file.file_name().unwrap())).unwrap();
-    }
-    let calibration = place.path().join("calibration.json");
-    std::fs::write(&calibration, true_calibration().to_string()).unwrap();
+    let (copy, calibration) = copied(&place, "again");
     // By its name, by another way to it, and as a copy of its files: two faces, not six.
     let other_way = data("b02").join("../b02");
     let folders = [text(&data("b02")).to_owned(), text(&other_way).to_owned(), text(&copy).to_owned()];

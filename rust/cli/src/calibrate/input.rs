@@ -1,7 +1,7 @@
 //! What `boxline calibrate` is given: frames of a board, from a recording or from any folder of JPEGs, and the board.
 
 use super::CalibrateArgs;
-use crate::input::Usage;
+use crate::input::{Usage, own_name};
 use boxline::{Error, ErrorKind};
 use boxline_calib::Board;
 use boxline_proto::json::{
@@ -75,7 +75,7 @@ impl Input {
             (recording.serial, boards.map(|f| BoardFrame { id: f.id, file: f.file }).collect())
         } else {
             let frames = pictures_in(folder)?;
-            (name_of(folder), frames)
+            (own_name(folder), frames)
         };
         let board = read_board_of(args, folder, &mut files)?;
         let serial = args.serial.clone().unwrap_or(serial);
@@ -107,12 +107,6 @@ pub fn read_board_of(args: &CalibrateArgs, folder: &Path, files: &mut Vec<PathBu
     let written = read_board(&file)?;
     let (pitch_mm, diameter_mm) = (written.pitch_mm, written.diameter_mm);
     Ok(Board { columns: written.columns, rows: written.rows, pitch_mm, diameter_mm })
-}
-
-/// A folder's own name, whatever it is called by: `.` has one too, the file system's root none.
-fn name_of(folder: &Path) -> String {
-    let whole = folder.canonicalize().unwrap_or_else(|_no_such_folder| folder.into());
-    whole.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// The JPEGs of a folder by name; at least one.

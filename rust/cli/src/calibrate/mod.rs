@@ -9,7 +9,7 @@ mod report;
 use crate::Finished;
 use crate::head::DeviceChoice;
 use crate::input::{Usage, read_frame};
-use crate::output::{check_outputs, folder_of};
+use crate::output::{check_outputs, write_whole};
 use anyhow::Context;
 use boxline::calibration::{CalibrationCovariance, PAPER_PARAMETERS};
 use boxline::{Calibration, CameraModel, Frame, LaserId};
@@ -179,7 +179,7 @@ fn solve(args: &CalibrateArgs, input: Input) -> anyhow::Result<Finished> {
             value["provenance"] = provenance::value(&input, &used)?;
             write_json(&args.output, &value)?;
             if let Some(path) = &args.report {
-                write_whole(path, &report::html(&solved)?)?;
+                write_whole(path, report::html(&solved)?.as_bytes())?;
             }
             let stdout =
                 if args.json { outcome_json(&solved, &value).to_string() } else { text(&solved, args) };
@@ -515,16 +515,4 @@ fn text(solved: &Solved, args: &CalibrateArgs) -> String {
     lines.extend(args.report.as_ref().map(|path| format!("report     {}", path.display())));
     lines.push("(± is one standard deviation)".to_owned());
     lines.join("\n")
-}
-
-/// A report appears whole or not at all.
-fn write_whole(path: &Path, text: &str) -> anyhow::Result<()> {
-    use std::io::Write;
-    let write = || -> std::io::Result<()> {
-        let mut file = tempfile::NamedTempFile::new_in(folder_of(path))?;
-        file.write_all(text.as_bytes())?;
-        file.persist(path)?;
-        Ok(())
-    };
-    write().with_context(|| format!("{}: cannot write", path.display()))
 }

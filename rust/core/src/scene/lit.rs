@@ -28,7 +28,7 @@ const BESIDE_PX: i32 = 5;
 const SCATTER_PLACES: i32 = 6;
 /// What light is expected at least, of what a row's red would add as other rows do; and of what is left up to the picture's limit.
 const EXPECTED_SHARE: f32 = 0.35;
-const SATURATED_SHARE: f32 = 0.7;
+const HEADROOM_SHARE: f32 = 0.7;
 /// How likely a row is that is neither lit as expected nor unlit, beside the likeliest one: print. No row says more than this leaves, 2.0.
 const PRINT_LIKELIHOOD: f32 = 0.15;
 
@@ -270,7 +270,7 @@ impl Row {
         }
         let [dark, bright] = [self.ambient[0].min(self.ambient[1]), self.ambient[0].max(self.ambient[1])];
         let [least, most] = [self.light[0].min(self.light[1]), self.light[0].max(self.light[1])];
-        let expected = EXPECTED_SHARE * (share * dark).min(SATURATED_SHARE * (1.0 - bright)).max(0.0);
+        let expected = EXPECTED_SHARE * (share * dark).min(HEADROOM_SHARE * (1.0 - bright)).max(0.0);
         let likelihood = |off: f32| PRINT_LIKELIHOOD + (-0.5 * (off / self.scatter).powi(2)).exp();
         let unlit = least.max(0.0) - most.min(0.0);
         (likelihood((expected - most).max(0.0)) / likelihood(unlit)).ln()

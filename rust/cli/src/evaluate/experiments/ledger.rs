@@ -3,6 +3,7 @@
 use super::plan::Experiment;
 use super::series::ShotResult;
 use crate::input::Usage;
+use crate::output::write_whole;
 use anyhow::Context;
 use boxline::Estimate;
 use std::collections::BTreeMap;
@@ -86,18 +87,6 @@ impl Ledger {
         self.shots.extend(found);
         Ok(())
     }
-}
-
-/// Appears whole or not at all.
-fn write_whole(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let write = || -> std::io::Result<()> {
-        let mut file = tempfile::NamedTempFile::new_in(folder)?;
-        file.write_all(bytes)?;
-        file.persist(path).map_err(|e| e.error)?;
-        Ok(())
-    };
-    write().with_context(|| format!("{}: cannot write", path.display()))
 }
 
 fn rows_text<'a>(
