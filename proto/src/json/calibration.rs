@@ -3,7 +3,7 @@
 //! after them 21 x 21; `residuals` and `provenance`, which `boxline calibrate` writes for people and nothing reads.
 
 use super::file;
-use super::syntax::{Object, field_error, read, text};
+use super::syntax::{Object, field_error, parse_json, read, text};
 use boxline::calibration::{CalibrationCovariance, PAPER_PARAMETERS, PARAMETERS};
 use boxline::{Calibration, CameraModel, Error, ErrorKind, LaserId};
 use serde::Deserialize;
@@ -11,6 +11,8 @@ use serde_json::{Value, json};
 use std::path::Path;
 
 const FORMAT: &str = "boxline-calibration/1";
+/// A camera alone, as `boxline calibrate --camera-only` writes it: `image_size` and `camera` of a calibration.
+pub const CAMERA_FORMAT: &str = "boxline-camera/1";
 
 #[derive(Deserialize)]
 struct File {
@@ -20,6 +22,12 @@ struct File {
     camera: Object<Camera>,
     laser_planes: [[f64; 4]; 4],
     covariance: Option<Vec<Vec<f64>>>,
+}
+
+#[derive(Deserialize)]
+struct CameraFile {
+    image_size: [u32; 2],
+    camera: Object<Camera>,
 }
 
 #[derive(Deserialize)]
@@ -36,6 +44,14 @@ struct Camera {
     k3: Option<f64>,
 }
 
+impl Camera {
+    fn model(self) -> CameraModel {
+        let Self { fx, fy, skew, cx, cy, k1, k2, p1, p2, k3 } = self;
+        let [p1, p2, k3] = [p1, p2, k3].map(Option::unwrap_or_default);
+        CameraModel { fx, fy, skew, cx, cy, k1, k2, p1, p2, k3 }
+    }
+}
+
 /// Reads a calibration from bytes; `name` (a file, a device) goes into the errors.
 ///
 /// # Errors
@@ -44,11 +60,8 @@ pub fn parse_calibration(bytes: &[u8], name: &str) -> Result<Calibration, Error>
     let kind = ErrorKind::InvalidCalibration;
     let File { serial, image_size, camera: Object(camera), laser_planes, covariance } =
         read(bytes, name, kind, Some(FORMAT))?;
-    let Camera { fx, fy, skew, cx, cy, k1, k2, p1, p2, k3 } = camera;
-    let [p1, p2, k3] = [p1, p2, k3].map(Option::unwrap_or_default);
-    let camera = CameraModel { fx, fy, skew, cx, cy, k1, k2, p1, p2, k3 };
-    let calibration =
-        Calibration::new(&serial, image_size, camera, laser_planes).map_err(|e| e.in_context(name))?;
+    let calibration = Calibration::new(&serial, image_size, camera.model(), laser_planes)
+        .map_err(|e| e.in_context(name))?;
     let Some(rows) = covariance else { return Ok(calibration) };
     let needed = |path: &str, found: usize, needed: &str| {
         field_error(kind, name, path, format_args!("found a list of {found}, a list of {needed} is needed"))
@@ -75,6 +88,22 @@ pub fn parse_calibration(bytes: &[u8], name: &str) -> Result<Calibration, Error>
 /// As [`parse_calibration`]; [`ErrorKind::Io`] if it cannot be read.
 pub fn read_calibration(path: &Path) -> Result<Calibration, Error> {
     parse_calibration(&file::read(path)?, &path.display().to_string())
+}
+
+/// Reads the camera of a calibration file or of a camera's own, and the image's width and height in px.
+///
+/// # Errors
+/// As [`read_calibration`].
+pub fn read_camera(path: &Path) -> Result<(CameraModel, [u32; 2]), Error> {
+    let (bytes, name, kind) = (file::read(path)?, path.display().to_string(), ErrorKind::InvalidCalibration);
+    if parse_json(&bytes, &name, kind)?["format"] != CAMERA_FORMAT {
+        let calibration = parse_calibration(&bytes, &name)?;
+        return Ok((*calibration.camera(), [calibration.width_px(), calibration.height_px()]));
+    }
+    let CameraFile { image_size, camera: Object(camera) } = read(&bytes, &name, kind, Some(CAMERA_FORMAT))?;
+    let camera = camera.model();
+    camera.check_on_sensor(image_size).map_err(|e| e.in_context(&name))?;
+    Ok((camera, image_size))
 }
 
 /// A camera as JSON, as in a calibration; p1, p2 and k3 only if the lens has them.

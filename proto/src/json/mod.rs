@@ -13,7 +13,9 @@ mod truth;
 mod wrong;
 
 pub(crate) use calibration::covariance_size;
-pub use calibration::{calibration_json, camera_json, parse_calibration, read_calibration};
+pub use calibration::{
+    CAMERA_FORMAT, calibration_json, camera_json, parse_calibration, read_calibration, read_camera,
+};
 pub use file::{open_plain_file, write_json};
 pub(crate) use recording::resolved_path;
 pub use recording::{Laser, RecordedFrame, Recording, Role, parse_recording, read_recording, recording_json};

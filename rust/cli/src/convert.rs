@@ -7,14 +7,17 @@ use crate::Finished;
 use crate::output::check_outputs;
 use boxline::{Calibration, CameraModel, Error, ErrorKind};
 use boxline_calib::opencv::{OpenCvCamera, RefitResidual, from_opencv, to_opencv};
-use boxline_proto::json::{calibration_json, open_plain_file, parse_json, read_calibration, write_json};
+use boxline_proto::json::{
+    calibration_json, open_plain_file, parse_json, read_calibration, read_camera, write_json,
+};
 use clap::{Args as ClapArgs, ValueEnum};
 use serde_json::{Value, json};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 #[derive(ClapArgs)]
 pub struct ConvertArgs {
-    /// The calibration whose camera is written, or, with --from, whose head and laser planes are kept
+    /// The calibration (or the camera of `calibrate --camera-only`) whose camera is written; with --from, the calibration
+    /// whose head and laser planes are kept
     #[arg(value_name = "CALIBRATION.json")]
     pub calibration: PathBuf,
     /// Write the camera in this model; this or --from is needed
@@ -52,35 +55,9 @@ pub fn convert(args: &ConvertArgs) -> anyhow::Result<Finished> {
         &[&args.output],
         [Some(&args.calibration), args.camera.as_ref()].into_iter().flatten().map(PathBuf::as_path),
     )?;
-    let calibration = read_calibration(&args.calibration)?;
-    let (width, height) = (calibration.width_px(), calibration.height_px());
-    let (value, residual) = if let Some(path) = args.camera.as_ref().filter(|_| args.from.is_some()) {
-        let camera = read_opencv(path, width, height)?;
-        let planes = calibration.lasers().map(|plane| [plane.per_mm.x, plane.per_mm.y, plane.per_mm.z, -1.0]);
-        // What is wrong with focal lengths or centre is not to be called the distortion's.
-        let OpenCvCamera { fx, fy, cx, cy, .. } = camera;
-        let without_lens = CameraModel { fx, fy, cx, cy, ..CameraModel::PINHOLE };
-        Calibration::new(calibration.serial(), [width, height], without_lens, planes)
-            .map_err(|e| invalid(e.to_string()).in_context(path.display()))?;
-        let (camera, residual) = from_opencv(&camera, width, height).ok_or_else(|| {
-            invalid("the distortion has no inverse over the sensor").in_context(path.display())
-        })?;
-        let taken = Calibration::new(calibration.serial(), [width, height], camera, planes)?;
-        (calibration_json(&taken), residual)
-    } else {
-        let named = |text: String| {
-            Error::new(ErrorKind::InvalidCalibration, text).in_context(args.calibration.display())
-        };
-        let skew = calibration.camera().skew;
-        if skew != 0.0 {
-            return Err(named(format!(
-                "camera.skew is {skew} px: OpenCV's model has no skew, only 0 can be written"
-            ))
-            .into());
-        }
-        let (camera, residual) = to_opencv(calibration.camera(), width, height)
-            .ok_or_else(|| named("the distortion has no inverse".into()))?;
-        (opencv_json(&camera, width, height), residual)
+    let Converted { value, residual, dropped } = match (&args.from, &args.camera) {
+        (Some(Model::Opencv), Some(camera)) => taken_from_opencv(&args.calibration, camera)?,
+        _ => as_opencv(&args.calibration)?,
     };
     let RefitResidual { rms_px, max_px } = residual;
     if max_px > MOST_LEFT_PX {
@@ -91,8 +68,6 @@ pub fn convert(args: &ConvertArgs) -> anyhow::Result<Finished> {
         return Err(Error::new(ErrorKind::InvalidCalibration, text).in_context(from.display()).into());
     }
     write_json(&args.output, &value)?;
-    // It belongs to the camera that was replaced.
-    let dropped = args.from.is_some() && calibration.covariance().is_some();
     let warnings: Vec<&str> = dropped.then_some(DROPPED).into_iter().collect();
     let stdout = if args.json {
         json!({"outcome": "converted", "rms_px": rms_px, "max_px": max_px, "warnings": warnings}).to_string()
@@ -105,6 +80,50 @@ pub fn convert(args: &ConvertArgs) -> anyhow::Result<Finished> {
         format!("{written}{}", warnings.collect::<String>())
     };
     Ok(Finished { stdout, exit_code: 0 })
+}
+
+/// What is written.
+struct Converted {
+    value: Value,
+    residual: RefitResidual,
+    /// There was a covariance, of the camera that is replaced.
+    dropped: bool,
+}
+
+/// A calibration with the camera of a file of OpenCV's.
+fn taken_from_opencv(calibration: &Path, camera: &Path) -> anyhow::Result<Converted> {
+    let calibration = read_calibration(calibration)?;
+    let (width, height) = (calibration.width_px(), calibration.height_px());
+    let opencv = read_opencv(camera, width, height)?;
+    // What is wrong with focal lengths or centre is not to be called the distortion's.
+    let OpenCvCamera { fx, fy, cx, cy, .. } = opencv;
+    let without_lens = CameraModel { fx, fy, cx, cy, ..CameraModel::PINHOLE };
+    without_lens
+        .check_on_sensor([width, height])
+        .map_err(|e| invalid(e.to_string()).in_context(camera.display()))?;
+    let (model, residual) = from_opencv(&opencv, width, height).ok_or_else(|| {
+        invalid("the distortion has no inverse over the sensor").in_context(camera.display())
+    })?;
+    let planes = calibration.lasers().map(|plane| [plane.per_mm.x, plane.per_mm.y, plane.per_mm.z, -1.0]);
+    let taken = Calibration::new(calibration.serial(), [width, height], model, planes)?;
+    let dropped = calibration.covariance().is_some();
+    Ok(Converted { value: calibration_json(&taken), residual, dropped })
+}
+
+/// The camera of a calibration, or of its own file, in OpenCV's model.
+fn as_opencv(file: &Path) -> anyhow::Result<Converted> {
+    let (camera, [width, height]) = read_camera(file)?;
+    let named = |text: String| Error::new(ErrorKind::InvalidCalibration, text).in_context(file.display());
+    if camera.skew != 0.0 {
+        let skew = camera.skew;
+        return Err(named(format!(
+            "camera.skew is {skew} px: OpenCV's model has no skew, only 0 can be written"
+        ))
+        .into());
+    }
+    let (opencv, residual) =
+        to_opencv(&camera, width, height).ok_or_else(|| named("the distortion has no inverse".into()))?;
+    Ok(Converted { value: opencv_json(&opencv, width, height), residual, dropped: false })
 }
 
 fn matrix(rows: usize, cols: usize, data: &[f64]) -> Value {
@@ -124,7 +143,7 @@ fn invalid(text: impl Into<String>) -> Error {
     Error::new(ErrorKind::InvalidFile, text)
 }
 
-fn read_opencv(path: &std::path::Path, width: u32, height: u32) -> Result<OpenCvCamera, Error> {
+fn read_opencv(path: &Path, width: u32, height: u32) -> Result<OpenCvCamera, Error> {
     use std::io::Read;
     let name = path.display().to_string();
     let io =

@@ -476,9 +476,36 @@ fn any_folder_of_pictures_will_do() {
     assert_eq!(camera["camera"]["format"], "boxline-camera/1", "{camera}");
     assert!((fx(&camera["camera"]) - fx(&usual["calibration"])).abs() < 0.05, "{camera}");
     assert_eq!(read(&set.output()), camera["camera"]);
+    // Which OpenCV can have.
+    let opencv = set.folder.path().join("opencv.json");
+    let converted = boxline(&["convert", text(&set.output()), "--to", "opencv", "-o", text(&opencv)]);
+    assert_eq!(converted.status.code(), Some(0), "{}", stderr(&converted));
+    let matrix = &read(&opencv)["camera_matrix"]["data"];
+    assert!((matrix[0].as_f64().unwrap() / fx(&camera["camera"]) - 1.0).abs() < 0.01, "{matrix}");
     let wrong = set.run_with(&["--board", "7x7:0.0375:0.01875"]);
     assert_eq!(wrong.status.code(), Some(2));
     assert!(stderr(&wrong).contains("COLUMNSxROWS"), "{}", stderr(&wrong));
+}
+
+/// Frames of another size than most are left out, and of as many of each the smaller ones.
+#[test]
+fn one_size_of_frames_is_the_heads() {
+    let quarter = |half: &RgbImage| image::imageops::thumbnail(half, half.width() / 2, half.height() / 2);
+    for small in [2, 6] {
+        let mut set = Set::of(8, |i, half| if i < small { jpeg(&quarter(half)) } else { jpeg(half) });
+        if small == 6 {
+            // Six of each.
+            for (i, half) in halves().iter().enumerate().take(4) {
+                set.add(&format!("c9{i}"), &jpeg(half));
+            }
+        }
+        let found = json_of(&set.run());
+        let left_out = found["left_out"].as_array().unwrap();
+        assert_eq!(left_out.len(), small, "{found}");
+        assert!(left_out.iter().all(|f| f["why"].as_str().unwrap().contains("px")), "{found}");
+        let width = read(&set.output())["image_size"][0].as_u64();
+        assert_eq!(width, Some(u64::from(halves()[0].width())), "{found}");
+    }
 }
 
 /// The serial number of a folder of pictures is its own name, by whatever way it is named; none is refused.

@@ -54,35 +54,7 @@ impl Calibration {
     ) -> Result<Self, Error> {
         let invalid = |text: String| Error::new(ErrorKind::InvalidCalibration, text);
         let [width_px, height_px] = image_size_px;
-        if !(64..=16_384).contains(&width_px) || !(64..=16_384).contains(&height_px) {
-            return Err(invalid(format!(
-                "image_size is {width_px} x {height_px} px, 64 to 16384 px each are allowed"
-            )));
-        }
-        camera.check()?;
-        // 0.1 and 10 image sides are fields of view of 157 and 6 degrees: no head is outside, and searches are bounded.
-        let side_px = f64::from(width_px.max(height_px));
-        for (name, value) in [("fx", camera.fx), ("fy", camera.fy)] {
-            if !(0.1 * side_px..=10.0 * side_px).contains(&value) {
-                return Err(invalid(format!(
-                    "camera.{name} is {value} px, {:.0} to {:.0} px are allowed for this image size",
-                    0.1 * side_px,
-                    10.0 * side_px
-                )));
-            }
-        }
-        // A frame cut out of a larger one may have its centre outside, but no picture is far from its lens's axis.
-        for (name, value, side_px) in [("cx", camera.cx, width_px), ("cy", camera.cy, height_px)] {
-            let side_px = f64::from(side_px);
-            if !(-0.5 * side_px..=1.5 * side_px).contains(&value) {
-                return Err(invalid(format!(
-                    "camera.{name} is {value} px, {:.0} to {:.0} px are allowed for this image size",
-                    -0.5 * side_px,
-                    1.5 * side_px
-                )));
-            }
-        }
-        camera.check_inverse(width_px, height_px)?;
+        camera.check_on_sensor(image_size_px)?;
         let mut lasers = [Plane::new(Vector3::zeros()); 4];
         for ((plane, id), [a, b, c, d]) in lasers.iter_mut().zip(LaserId::ALL).zip(laser_planes) {
             if ![a, b, c, d].iter().all(|x| x.is_finite()) {

@@ -159,8 +159,46 @@ impl CameraModel {
         Some((px, ray_by_px.try_inverse()?))
     }
 
+    /// Checks the camera of a sensor of this size.
+    ///
+    /// # Errors
+    /// [`ErrorKind::InvalidCalibration`], naming the number: not finite, not a head's, or a lens without an inverse.
+    pub fn check_on_sensor(&self, image_size_px: [u32; 2]) -> Result<(), Error> {
+        let invalid = |text: String| Error::new(ErrorKind::InvalidCalibration, text);
+        let [width_px, height_px] = image_size_px;
+        if !(64..=16_384).contains(&width_px) || !(64..=16_384).contains(&height_px) {
+            return Err(invalid(format!(
+                "image_size is {width_px} x {height_px} px, 64 to 16384 px each are allowed"
+            )));
+        }
+        self.check()?;
+        // 0.1 and 10 image sides are fields of view of 157 and 6 degrees: no head is outside, and searches are bounded.
+        let side_px = f64::from(width_px.max(height_px));
+        for (name, value) in [("fx", self.fx), ("fy", self.fy)] {
+            if !(0.1 * side_px..=10.0 * side_px).contains(&value) {
+                return Err(invalid(format!(
+                    "camera.{name} is {value} px, {:.0} to {:.0} px are allowed for this image size",
+                    0.1 * side_px,
+                    10.0 * side_px
+                )));
+            }
+        }
+        // A frame cut out of a larger one may have its centre outside, but no picture is far from its lens's axis.
+        for (name, value, side_px) in [("cx", self.cx, width_px), ("cy", self.cy, height_px)] {
+            let side_px = f64::from(side_px);
+            if !(-0.5 * side_px..=1.5 * side_px).contains(&value) {
+                return Err(invalid(format!(
+                    "camera.{name} is {value} px, {:.0} to {:.0} px are allowed for this image size",
+                    -0.5 * side_px,
+                    1.5 * side_px
+                )));
+            }
+        }
+        self.check_inverse(width_px, height_px)
+    }
+
     /// Fails unless all numbers are finite and the focal lengths positive.
-    pub(crate) fn check(&self) -> Result<(), Error> {
+    fn check(&self) -> Result<(), Error> {
         let named = [
             ("fx", self.fx),
             ("fy", self.fy),

@@ -19,7 +19,7 @@ use boxline_calib::{
     FrameReject, LensChoice, LensTerms, LensTrial, MIN_FRAMES, Misfit, empty_corners, find_board, next_frame,
     solve_all, solve_camera,
 };
-use boxline_proto::json::{calibration_json, camera_json, write_json};
+use boxline_proto::json::{CAMERA_FORMAT, calibration_json, camera_json, write_json};
 use clap::builder::NonEmptyStringValueParser;
 use clap::{Args as ClapArgs, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -65,7 +65,7 @@ pub struct CalibrateArgs {
     /// Serial number of the head, if it is not the recording's or the folder's name
     #[arg(long, value_name = "TEXT", value_parser = NonEmptyStringValueParser::new())]
     pub serial: Option<String>,
-    /// The camera alone, from frames without lasers (format boxline-camera/1)
+    /// The camera alone, from frames without lasers (format boxline-camera/1, which `boxline convert` reads)
     #[arg(long, conflicts_with = "report")]
     pub camera_only: bool,
     /// Terms of the lens: those that frames left out of the fit call a hundred times likelier, the paper's k1 and k2, or
@@ -216,7 +216,7 @@ fn camera_alone(
     let used: Vec<&str> = camera.views.iter().map(|view| input.frames[indices[*view]].id.as_str()).collect();
     let rows = camera_rows(&camera.camera, camera.lens, &camera.covariance, camera.skew_sigma_px);
     let mut value = json!({
-        "format": "boxline-camera/1",
+        "format": CAMERA_FORMAT,
         "image_size": size_px,
         "camera": camera_json(&camera.camera),
         "sigmas": rows.iter().map(|(name, _, sigma)| ((*name).to_owned(), json!(sigma))).collect::<serde_json::Map<_, _>>(),
@@ -285,11 +285,11 @@ fn solve_circles(
         })
         .collect();
     bar.finish_and_clear();
-    // The size of most frames is the head's.
+    // The size of most frames is the head's; of as many, the larger.
     let sizes: Vec<[usize; 2]> =
         found.iter().filter_map(|f| f.as_ref().ok().map(|(size, _)| *size)).collect();
     let count = |size: &[usize; 2]| sizes.iter().filter(|s| *s == size).count();
-    let size_px = sizes.iter().copied().max_by_key(count).unwrap_or_default();
+    let size_px = sizes.iter().copied().max_by_key(|size| (count(size), *size)).unwrap_or_default();
     let (mut views, mut indices) = (Vec::new(), Vec::new());
     for (i, found) in found.into_iter().enumerate() {
         let view = found.and_then(|(size, view)| {

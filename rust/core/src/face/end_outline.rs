@@ -2,7 +2,7 @@
 //! a flush neighbour carries stripes on, print ends them early; what each side is, is judged afterwards (`rectangle/line_evidence`).
 
 use super::extent::{FaceStripes, Limits, StripeEnd, crossing_on_px, crossing_px, outermost_crossing_mm};
-use super::outline::{Across, InitialRectangle, SIDES, outward_sign};
+use super::outline::{Across, InitialRectangle, MOST_TURN_RAD, SIDES, outward_sign};
 use super::raster::{OnPlane, PlaneRaster};
 use crate::calibration::Calibration;
 use crate::image::Frame;
@@ -11,8 +11,6 @@ use crate::units::{LaserId, Px};
 
 /// Two ends that belong to one side differ by no more than this, px, beyond the length of a profile block.
 pub(crate) const END_TOLERANCE_PX: f64 = 12.0;
-/// Largest angle between a stripe and the box's edge: the head is rolled along the edges by eye, a tilted face shears.
-const MAX_ANGLE_RAD: f64 = 0.55;
 /// How far beyond the sides that are known the stripes are followed, px: enough to see whether they leave the plane there.
 pub(crate) const LIMIT_BEYOND_PX: f64 = 40.0;
 
@@ -149,7 +147,7 @@ fn direction(ends: &[[End; 2]; 4], mm_per_px: f64) -> Option<f64> {
             Across::A => -(off / along).atan(),
             Across::B => (off / along).atan(),
         };
-        (angle.is_finite() && angle.abs() < MAX_ANGLE_RAD).then_some((angle, along * along))
+        (angle.is_finite() && angle.abs() < MOST_TURN_RAD).then_some((angle, along * along))
     };
     let seen: Vec<_> = SIDES
         .iter()

@@ -3,6 +3,9 @@
 use super::raster::{OnPlane, PlaneRaster};
 use crate::units::LaserId;
 
+/// Largest angle between a stripe and a side of the box on the face: the head is rolled by eye, and a tilted face shears.
+pub(crate) const MOST_TURN_RAD: f64 = 0.56;
+
 /// Which raster coordinate tells a side's place; the side runs along the other one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Across {

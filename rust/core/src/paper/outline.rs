@@ -6,7 +6,7 @@ use super::hough::{Line, lines_beside_stripes};
 use crate::calibration::Calibration;
 use crate::face::extent::{crossing_on, crossing_px};
 use crate::face::map_outline::{RectangleCandidate, WeightedPoint, turned};
-use crate::face::outline::{Across, InitialRectangle, SIDES, outward_sign, span_mm};
+use crate::face::outline::{Across, InitialRectangle, MOST_TURN_RAD, SIDES, outward_sign, span_mm};
 use crate::face::raster::{OnPlane, PlaneRaster};
 use crate::frames::{Cam, Plane};
 use crate::image::Frame;
@@ -15,8 +15,6 @@ use crate::reject::Reject;
 use crate::units::{LaserId, Px};
 use std::f64::consts::PI;
 
-/// Largest angle between a stripe and the box's edge: the head is rolled by eye, a tilted face shears.
-const MAX_ANGLE_RAD: f64 = 0.56;
 /// Opposite sides are parallel on the plane to this: half a degree of a cell of the transform, more on an oblique face.
 const PARALLEL_RAD: f64 = 0.05;
 /// Lines whose direction is tried, and lines that are kept a side; strongest first.
@@ -136,7 +134,7 @@ impl<'a> Search<'a> {
         let (across, angle_rad) =
             if along_b.abs() < along_a.abs() { (Across::A, along_b) } else { (Across::B, along_a) };
         let votes = f64::from(line.votes);
-        (angle_rad.abs() <= MAX_ANGLE_RAD).then_some(Straight { across, angle_rad, through: at(0.0)?, votes })
+        (angle_rad.abs() <= MOST_TURN_RAD).then_some(Straight { across, angle_rad, through: at(0.0)?, votes })
     }
 
     /// The best rectangle whose sides run along the axes when the raster is turned by an angle.

@@ -9,6 +9,7 @@ use crate::face::extent::crossing_on_px;
 use crate::face::outline::{SIDES, outward_sign};
 use crate::face::raster::PlaneRaster;
 use crate::image::Frame;
+use crate::scene::lit;
 use crate::units::{LaserId, Px};
 
 /// Where the stripes of a side end, outwards from the line; that is where the line of sight touches the box.
@@ -33,8 +34,8 @@ const LEAST_BEYOND: usize = 6;
 /// Half width of a stripe's bright middle and where its surroundings begin, in half widths of its foot; bounds in px.
 const MIDDLE: (f64, f64, f64) = (0.3, 1.0, 3.0);
 const BESIDE: (f64, f64, f64) = (0.9, 4.0, 12.0);
-/// Surroundings are so wide, px.
-const BESIDE_PX: usize = 5;
+/// Surroundings are as wide as where the stripes' light is looked at, px.
+const BESIDE_PX: usize = lit::BESIDE_PX as usize;
 /// A step counts that is this many times the scatter of single samples and leaves less than this share of the light: of ends of
 /// rendered stripes 7 in 10 do, and where two of a side do and agree, 1 in 50 of these pairs is more than 6 px off.
 const LEAST_STEP: f64 = 2.0;

@@ -6,7 +6,7 @@
 //! protrudes shows the foot of its wall at the line, its edge farther out. So both stripes must jump at the line, to one height, with the
 //! foot below that edge elsewhere.
 
-use super::lit::red_light;
+use super::lit::{BESIDE_PX, red_light};
 use crate::calibration::Calibration;
 use crate::edges::LEAST_SCATTER;
 use crate::face::extent::crossing_on_px;
@@ -23,10 +23,9 @@ const INSIDE_PX: i32 = 160;
 const BEYOND_PX: i32 = 220;
 /// ... and up to so far from the stripe, px along a row: 240 mm of height at 0.7 m, 700 mm at 1.2 m.
 const REACH_ACROSS_PX: i32 = 170;
-/// Half width of a stripe's middle, and where its surroundings begin and how wide they are: half widths of its foot (bounds in px), and px.
+/// Half width of a stripe's middle, and where its surroundings begin: half widths of its foot, bounds in px.
 const MIDDLE: (f64, f64, f64) = (0.3, 1.0, 5.0);
 const BESIDE: (f64, f64, f64) = (1.0, 4.0, 20.0);
-const BESIDE_PX: i32 = 5;
 /// Light over scatter from which a row speaks for a stripe, how fast, and the bounds of what it says.
 const EVEN_ODDS_LIGHT: f32 = 1.5;
 const PER_SCATTER: f32 = 0.5;

@@ -24,7 +24,7 @@ use crate::units::{LaserId, Px};
 const MIDDLE: (f64, f64, f64) = (0.35, 1.0, 6.0);
 const BESIDE: (f64, f64, f64) = (1.1, 5.0, 20.0);
 /// Surroundings are so wide, px; the scatter is that of so many places beyond them on both sides.
-const BESIDE_PX: i32 = 5;
+pub(crate) const BESIDE_PX: i32 = 5;
 const SCATTER_PLACES: i32 = 6;
 /// What light is expected at least, of what a row's red would add as other rows do; and of what is left up to the picture's limit.
 const EXPECTED_SHARE: f32 = 0.35;
