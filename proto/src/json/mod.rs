@@ -25,4 +25,4 @@ pub use truth::{
     BOARD_CIRCLES_IN_ROW, BOARD_SIZES_MM, Board, EndClass, MOST_BOARD_CIRCLES, Truth, TruthEnd, TruthFace,
     TruthHidden, TruthLine, TruthMotion, TruthNotes, parse_board, parse_truth, read_board, read_truth,
 };
-pub use wrong::{is_wrong_box, is_wrong_side};
+pub use wrong::{corner_orders, is_wrong_box, is_wrong_side};

@@ -1,10 +1,9 @@
 //! What counts as a wrong result beside the truth: one definition for all that count wrong results.
 
 use super::truth::TruthFace;
+use boxline::confidence::RIGHT_MM;
 use boxline::{BoxMeasurement, Estimate, FaceMeasurement, Px};
 
-/// A side may be off by this much: the paper's promise, mm.
-const PROMISE_MM: f64 = 5.0;
 /// By less than the promise, but by more than this and this many of its own sigmas, it is wrong too: who reads it trusts the sigma.
 const UNEXPECTED_MM: f64 = 3.0;
 const UNEXPECTED_SIGMAS: f64 = 4.0;
@@ -16,7 +15,7 @@ const OTHER_LINE_PX: f64 = 25.0;
 pub fn is_wrong_side(found: Estimate, truth_mm: f64) -> bool {
     let error_mm = (found.value_mm - truth_mm).abs();
     // So that a number that is none is wrong.
-    let right = error_mm <= PROMISE_MM && error_mm <= UNEXPECTED_MM.max(UNEXPECTED_SIGMAS * found.sigma_mm);
+    let right = error_mm <= RIGHT_MM && error_mm <= UNEXPECTED_MM.max(UNEXPECTED_SIGMAS * found.sigma_mm);
     !right
 }
 
@@ -25,6 +24,11 @@ pub fn is_wrong_side(found: Estimate, truth_mm: f64) -> bool {
 pub fn is_wrong_box(found: &BoxMeasurement, truth_mm: [f64; 3]) -> bool {
     let sides = [found.length, found.width, found.height];
     sides.into_iter().zip(truth_mm).any(|(side, truth_mm)| is_wrong_side(side, truth_mm))
+}
+
+/// The eight orders in which a face's four corners go round: from any of them, either way.
+pub fn corner_orders() -> impl Iterator<Item = [usize; 4]> {
+    (0..4).flat_map(|start| [1, 3].map(|step| [0, 1, 2, 3].map(|i| (start + step * i) % 4)))
 }
 
 impl TruthFace {
@@ -44,10 +48,9 @@ impl TruthFace {
     #[must_use]
     pub fn corner_distances_px(&self, corners: &[Px; 4]) -> Option<[f64; 4]> {
         let truth = self.corners_px?;
-        let ways = (0..4).flat_map(|start| [1, 3].map(|step| (start, step)));
-        let all = ways.map(|(start, step)| {
+        let all = corner_orders().map(|order| {
             [0, 1, 2, 3].map(|i| {
-                let [u, v] = truth[(start + step * i) % 4];
+                let [u, v] = truth[order[i]];
                 corners[i].distance_px(Px::new(u, v))
             })
         });

@@ -2,7 +2,7 @@
 
 use super::board::OnBoard;
 use super::rim::board_matrix;
-use boxline::calibration::{CAMERA, PARAMETERS, PLANES, moved as moved_by};
+use boxline::calibration::{CAMERA, FIRST_PLANE, PARAMETERS, moved as moved_by};
 use boxline::camera::CameraModel;
 use boxline::frames::{Cam, Plane, Pose, Ray};
 use boxline::units::Px;
@@ -165,7 +165,7 @@ pub(super) fn stripe_row(shared: &Shared, pose: &Pose<Cam, OnBoard>, laser: usiz
     for (k, unknown) in BY_CAMERA.into_iter().enumerate() {
         by_shared[unknown] = by_camera[k];
     }
-    by_shared.fixed_rows_mut::<3>(PLANES + 3 * laser).copy_from(&-by_line);
+    by_shared.fixed_rows_mut::<3>(FIRST_PLANE + 3 * laser).copy_from(&-by_line);
     // q = n / (n . t): dq = dn / d - q (dn . t + n . dt) / d, dn = turn x n.
     let normal_by_turn = -normal.cross_matrix();
     let q_by_turn = (normal_by_turn - q * (pose.translation_mm.transpose() * normal_by_turn)) / distance;
@@ -232,7 +232,7 @@ mod tests {
                 let size = match k {
                     4 | 5 | 18 | 19 => 1e-4,
                     20 => 1e-2,
-                    PLANES..18 => 1e-8,
+                    FIRST_PLANE..18 => 1e-8,
                     _ => 1e-2,
                 };
                 let mut step = SVector::zeros();

@@ -9,7 +9,7 @@ use super::lens::LensTerms;
 use super::misfit_kind::MisfitKind;
 use super::model::{SHARED, SKEW, Shared};
 use super::patterns::{Patterns, ReducedSystem, Solved};
-use boxline::calibration::{CalibrationCovariance, CalibrationStep, PLANES};
+use boxline::calibration::{CalibrationCovariance, CalibrationStep, FIRST_PLANE};
 use nalgebra::{DMatrix, DVector, SVector};
 use std::ops::Range;
 
@@ -74,7 +74,7 @@ pub(super) fn averaged(
     let stretch = scale_sigma(&patterns, &over);
     let mut scaled = CalibrationStep::zeros();
     for (k, plane) in left.shared.planes.iter().enumerate().filter(|_| !left.fixed.planes) {
-        scaled.fixed_rows_mut::<3>(PLANES + 3 * k).copy_from(&(plane * stretch));
+        scaled.fixed_rows_mut::<3>(FIRST_PLANE + 3 * k).copy_from(&(plane * stretch));
     }
     let (_, information) = solve_scaled(&inverse, &SVector::zeros())?;
     let covariance = covariance(&inverse)

@@ -16,7 +16,11 @@ const EXIT_CODES: &str =
 
 /// Measures boxes from pictures with four laser stripes
 #[derive(Parser)]
-#[command(name = "boxline", version, after_help = EXIT_CODES)]
+#[command(
+    name = "boxline",
+    version,
+    after_help = "Exit codes: 2 is broken input or usage in each command; its --help has the others."
+)]
 pub struct Args {
     #[command(subcommand)]
     pub command: Command,
@@ -48,18 +52,18 @@ Examples:
   boxline measure a.jpg b.jpg --calibration calibration.json --json
   boxline measure a.jpg b.jpg c.jpg --calibration calibration.json                      (a third face settles doubts)
   boxline measure tests/data/b02 --explain stages                                       (a picture of each stage)
-  boxline measure tests/data/b02 --edges hough --model ihed.onnx --method keypoints     (the paper's system)
+  boxline measure tests/data/b02 --edges hough --method keypoints --model rust/edgenet/models/ihed.onnx     (the paper's system)
 
 Without --json: sides in mm and the volume in cubic metres, each with one standard deviation, or why there is no result
 and what to do. With --json: one object on standard output, also after an error (\"outcome\": \"error\").
 {EXIT_CODES}"))]
     Measure(MeasureArgs),
     /// Measures one face from one frame
-    #[command(after_help = format!("\
+    #[command(after_help = "\
 Example:
   boxline face tests/data/b02/a.jpg --calibration tests/data/calibration_set/calibration.json --overlay face.png
 
-{EXIT_CODES}"))]
+Exit codes: 0 measured, 2 broken input or usage, 3 refused.")]
     Face(FaceArgs),
     /// Compares measurements with the known truth of recordings
     #[command(after_help = "\
@@ -67,15 +71,15 @@ Examples:
   boxline evaluate tests/data
   boxline evaluate tests/data/b01 tests/data/refuse --method both --json
   boxline evaluate --edges
-  boxline evaluate tests/data --edges --model boxnet.onnx
+  boxline evaluate tests/data --edges --model rust/edgenet/models/boxnet.onnx
   boxline evaluate --simulate 400 --seed 200000000 --photos photos --csv boxes.csv --report accuracy.md
   boxline evaluate --report accuracy.md --csv boxes.csv --csv occluded.csv
   boxline evaluate tests/data --perturb --report accuracy.md
-  boxline evaluate tests/data --experiments --out rust/EXPERIMENTS.md --ihed ihed.onnx
+  boxline evaluate tests/data --experiments --out rust/EXPERIMENTS.md --ihed rust/edgenet/models/ihed.onnx
 
 Reads folders that hold recording.json and truth.json, or parents of such folders. A recording whose truth has a box is
-measured as a pair of frames; any other recording frame by frame. Measuring where a refusal was due, and refusing where a
-measurement was due, is flagged as WRONG. --simulate measures rendered boxes of materials that training never shows, --experiments
+measured as a pair of frames; any other recording frame by frame. Measuring where a refusal was due is flagged as WRONG, refusing
+where a measurement was due is counted as missed. --simulate measures rendered boxes of materials that training never shows, --experiments
 repeats the paper's experiments on rendered twins and keeps each shot in a .csv beside the page: called again, it goes on. --perturb changes
 pictures in ways that leave the sizes as they are. --csv keeps one row a side and goes on where a run was stopped; after a change of the
 program give another file. Several recordings are measured at a time, as many as there are processors or RAYON_NUM_THREADS says.
@@ -376,7 +380,9 @@ pub enum RenderKind {
     Three,
     /// A box A x A x B, seen obliquely: both frames show A x B
     Twins,
+    /// Single faces, one a frame
     Face,
+    /// Frames that must be refused: cut faces, missing stripes, no box
     Refuse,
     /// Faces of which something hides a part; they must be refused
     Occluded,
@@ -403,8 +409,11 @@ impl RenderKind {
 #[cfg(feature = "render")]
 #[derive(Clone, Copy, ValueEnum)]
 pub enum HeadName {
+    /// Drawn: camera, lens and lasers as heads differ
     Random,
+    /// The paper's, without errors of making
     Nominal,
+    /// Drawn, with a lens that is decentred and has a third radial term
     Real,
 }
 

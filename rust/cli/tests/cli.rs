@@ -4,7 +4,7 @@
 mod program;
 
 use program::{boxline, data, json_of, stderr, stdout, text};
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
@@ -535,7 +535,8 @@ fn evaluates_all_recordings() {
         assert_eq!(of("refuse", method)["faces"].as_array().unwrap().len(), 3);
     }
     assert!(!recordings.iter().any(|r| r["recording"] == "calibration_set"));
-    assert!(object["wrong"].is_array());
+    assert_eq!(object["wrong"], json!([]), "refusals are missed, not wrong");
+    assert!(object["missed"].as_array().unwrap().iter().all(|m| m.as_str().unwrap().contains("refused")));
     assert_eq!(object["summary"][0]["of"], "boxes");
 }
 

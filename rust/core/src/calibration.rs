@@ -12,7 +12,7 @@ pub const PARAMETERS: usize = 21;
 /// Those of a lens as the paper has it: the first.
 pub const PAPER_PARAMETERS: usize = 18;
 /// First parameter of the planes.
-pub const PLANES: usize = 6;
+pub const FIRST_PLANE: usize = 6;
 /// The camera's parameters.
 pub const CAMERA: [usize; 9] = [0, 1, 2, 3, 4, 5, 18, 19, 20];
 
@@ -149,7 +149,7 @@ impl Calibration {
             3 => TENTH * height,
             4 => corner.powi(-2),
             5 => corner.powi(-4),
-            PLANES..PAPER_PARAMETERS => TENTH * self.lasers[(parameter - PLANES) / 3].per_mm.norm(),
+            FIRST_PLANE..PAPER_PARAMETERS => TENTH * self.lasers[(parameter - FIRST_PLANE) / 3].per_mm.norm(),
             18 | 19 => 1.0 / corner,
             _ => corner.powi(-6),
         }
@@ -249,7 +249,7 @@ pub fn moved(
     };
     let mut moved = *lasers;
     for (k, plane) in moved.iter_mut().enumerate() {
-        *plane = Plane::new(plane.per_mm + step.fixed_rows::<3>(PLANES + 3 * k));
+        *plane = Plane::new(plane.per_mm + step.fixed_rows::<3>(FIRST_PLANE + 3 * k));
     }
     (camera, moved)
 }

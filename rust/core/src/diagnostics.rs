@@ -10,11 +10,11 @@ use crate::image::bands::band_maps;
 use crate::network::StripeLight;
 use crate::rectangle::line_evidence::Evidence as LineEvidence;
 use crate::scene::lit::LitLines;
+use crate::stripe::centres::{CentreSettings, find_centres, measure_half_width_px};
 use crate::stripe::colour_projection::ColourProjection;
 use crate::stripe::grid_search::{self, Evidence, GridSearchSettings};
 pub use crate::stripe::peak::Estimator;
 use crate::stripe::stripe_line::{ScanDirection, StripeLine};
-use crate::stripe::trace::{TraceSettings, measure_half_width_px, trace};
 use crate::units::{LaserId, Px};
 
 /// Farthest from the true stripe that a centre is looked for, px: beyond that it is another thing.
@@ -57,15 +57,15 @@ pub fn stripe_residuals(
         &[(line, range.clone(), first)],
         &[ColourProjection::LASER_RESPONSE],
     );
-    let settings = TraceSettings {
+    let settings = CentreSettings {
         rows,
         search_px: SEARCH_PX,
         min_signal_to_noise: MIN_SIGNAL_TO_NOISE,
-        half_width_px: half_width_px.unwrap_or(TraceSettings::DEFAULT.half_width_px),
+        half_width_px: half_width_px.unwrap_or(CentreSettings::DEFAULT.half_width_px),
         estimator,
-        ..TraceSettings::default()
+        ..CentreSettings::default()
     };
-    trace(frame, calibration, &line, range, first, &settings)
+    find_centres(frame, calibration, &line, range, first, &settings)
         .into_iter()
         .map(|point| point.found.map(|f| Centre { residual_px: f.residual_px, amplitude: f.amplitude }))
         .collect()

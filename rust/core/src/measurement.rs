@@ -62,7 +62,7 @@ pub struct Settings<'a> {
     /// more pass as normal.
     pub drift_rad: f64,
     /// Least probability that a result is right, 0 to 1: what is less likely is refused. A larger one measures fewer boxes and fewer
-    /// wrongly; `rust/ACCURACY.md` has the curve. Without a network results have no probability, and none is refused for it.
+    /// wrongly; `rust/ACCURACY.md` has the curve.
     pub least_confidence: f64,
     /// The four sides of a face need not stand at right angles; the corner angles are reported.
     pub free: bool,

@@ -200,10 +200,9 @@ impl fmt::Display for Reject {
             Self::RectangleOpen { sides_found } => {
                 write!(f, "only {sides_found} of 4 sides of the face were found")
             }
-            Self::OutlineUnsure { support, needed_support, overlap, needed_overlap } => write!(
+            Self::OutlineUnsure { support, needed_support, .. } => write!(
                 f,
-                "the face's outline is not clear: right with a probability of {support:.2}, needed {needed_support:.2}; \
-                 overlap with the face {overlap:.2}, needed {needed_overlap:.2}"
+                "the face's outline is not clear: right with a probability of {support:.3}, needed {needed_support:.3}"
             ),
             Self::FaceHidden { sides_hidden, at, probability, limit, in_front_mm } => {
                 let far = in_front_mm.map_or_else(String::new, |mm| format!("{mm:.0} mm "));

@@ -8,7 +8,7 @@ mod stream;
 pub mod usbip;
 
 use crate::Error;
-use crate::descriptor::{EndpointKind, UvcVersion};
+use crate::descriptor::UvcVersion;
 use crate::head::{Control, Controls, Lasers};
 use crate::mode::PREFERRED_INTERVAL;
 use crate::probe::Probe;
@@ -230,14 +230,6 @@ impl SoftwareHead {
     /// Device and configuration descriptors.
     pub fn descriptors(&self) -> (Vec<u8>, Vec<u8>) {
         (descriptors::device(), self.configuration.clone())
-    }
-
-    /// How the stream travels.
-    pub fn endpoint_kind(&self) -> EndpointKind {
-        match self.settings.pipe {
-            Pipe::Bulk => EndpointKind::Bulk,
-            Pipe::Isochronous => EndpointKind::Isochronous,
-        }
     }
 
     /// Frames that the sensor took since power-up.

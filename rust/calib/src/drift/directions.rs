@@ -68,14 +68,6 @@ impl Direction {
     pub fn turn_sigma_rad(&self) -> f64 {
         self.one_sigma.iter().map(|m| m.tilt_rad.abs().max(m.twist_rad.abs())).fold(0.0, f64::max)
     }
-
-    /// The laser that moves most, 0 to 3.
-    #[must_use]
-    pub fn leading_laser(&self) -> usize {
-        let size = |m: &LaserMotion| m.tilt_rad.hypot(m.twist_rad);
-        let sizes = self.one_sigma.each_ref().map(size);
-        (0..4).max_by(|a, b| sizes[*a].total_cmp(&sizes[*b])).unwrap_or(0)
-    }
 }
 
 /// The eigenvectors of the faces' information, in units of the prior (`motions = units y`), best known first.

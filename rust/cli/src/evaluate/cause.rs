@@ -1,7 +1,7 @@
 //! Why a measured face is wrong, from the truth: which of its sides was taken along which other line.
 
 use boxline::{Calibration, FaceMeasurement, Px};
-use boxline_proto::json::TruthFace;
+use boxline_proto::json::{TruthFace, corner_orders};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
@@ -95,8 +95,7 @@ fn side_offsets_mm(truth_mm: [[f64; 3]; 4], found: [Vector3<f64>; 4]) -> Option<
     let normal = (truth[1] - truth[0]).cross(&(truth[3] - truth[0])).try_normalize(1e-9)?;
     let on_plane = found.map(|ray| ray * (normal.dot(&truth[0]) / normal.dot(&ray)));
     // Corners may start anywhere and go round either way: the best of the eight ways counts.
-    let ways =
-        (0..4).flat_map(|start| [1, 3].map(|step| [0, 1, 2, 3].map(|i| on_plane[(start + step * i) % 4])));
+    let ways = corner_orders().map(|order| order.map(|i| on_plane[i]));
     let squares = |way: &[Vector3<f64>; 4]| -> f64 {
         way.iter().zip(&truth).map(|(a, b)| (a - b).norm_squared()).sum()
     };

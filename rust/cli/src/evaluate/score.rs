@@ -1,12 +1,10 @@
 //! What a result is worth beside the truth: errors of sides and pixels, and whether a refusal or a measurement was due.
 
+use boxline::confidence::RIGHT_MM;
 use boxline::{
     BoxMeasurement, Candidate, Estimate, FaceMeasurement, FaceOutcome, Method, Outcome, Px, Warning,
 };
 use boxline_proto::json::{TruthFace, is_wrong_side};
-
-/// The paper's promise: no side is off by more. A measurement beyond it is wrong, not just inexact.
-pub const PROMISE_MM: f64 = 5.0;
 
 /// One recording, judged with one method.
 pub struct RecordingScore {
@@ -80,7 +78,7 @@ impl Verdict {
             Self::OtherReason => "right, but for another reason".into(),
             Self::Undecided => "undecided".into(),
             Self::MeasuredInsteadOfRefused => "WRONG: measured, a refusal was due".into(),
-            Self::RefusedInsteadOfMeasured => "WRONG: refused, a measurement was due".into(),
+            Self::RefusedInsteadOfMeasured => "missed: refused, a measurement was due".into(),
             Self::TooFarOff(error_mm) => format!("WRONG: off by {error_mm:.1} mm"),
             Self::OtherLine(px) => format!("WRONG: a corner off by {px:.0} px"),
         }
@@ -88,7 +86,12 @@ impl Verdict {
 
     /// Is it one that must not happen?
     pub fn is_wrong(&self) -> bool {
-        !matches!(self, Self::Right | Self::OtherReason | Self::Undecided)
+        matches!(self, Self::MeasuredInsteadOfRefused | Self::TooFarOff(_) | Self::OtherLine(_))
+    }
+
+    /// Is it a measurement that was due and is not there?
+    pub const fn is_missed(&self) -> bool {
+        matches!(self, Self::RefusedInsteadOfMeasured)
     }
 }
 
@@ -195,12 +198,21 @@ impl FaceScore {
 impl RecordingScore {
     /// Everything in this recording that must not happen, with the reason of a refusal.
     pub fn wrong(&self) -> Vec<String> {
+        self.told(Verdict::is_wrong)
+    }
+
+    /// Every refusal in this recording where a measurement was due, with its reason.
+    pub fn missed(&self) -> Vec<String> {
+        self.told(Verdict::is_missed)
+    }
+
+    fn told(&self, which: impl Fn(&Verdict) -> bool) -> Vec<String> {
         let cuboid = self.cuboid.iter().map(|c| (self.name.clone(), c.verdict(), c.reason()));
         let faces =
             self.faces.iter().map(|f| (format!("{}/{}", self.name, f.frame), f.verdict(), f.reason()));
         cuboid
             .chain(faces)
-            .filter(|(_, verdict, _)| verdict.is_wrong())
+            .filter(|(_, verdict, _)| which(verdict))
             .map(|(name, verdict, reason)| {
                 let reason = reason.map_or(String::new(), |reason| format!(" ({reason})"));
                 format!("{name}, {}: {}{reason}", method_name(self.method), verdict.text())
@@ -252,7 +264,7 @@ impl Statistics {
     }
 
     pub fn within_promise(&self) -> usize {
-        self.errors_mm.iter().filter(|e| e.abs() <= PROMISE_MM).count()
+        self.errors_mm.iter().filter(|e| e.abs() <= RIGHT_MM).count()
     }
 
     /// Mean of (error / sigma)^2: 1 if the standard deviations are honest, more if they are too small.

@@ -1,8 +1,9 @@
 //! The evaluation as tables for people and as one JSON object for programs.
 
 use super::score::{
-    BoxScore, Distances, FaceScore, PROMISE_MM, RecordingScore, Statistics, Verdict, method_name, together,
+    BoxScore, Distances, FaceScore, RecordingScore, Statistics, Verdict, method_name, together,
 };
+use boxline::confidence::RIGHT_MM;
 use boxline::{FaceOutcome, Method, Outcome};
 use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
 use serde_json::{Value, json};
@@ -31,13 +32,17 @@ pub fn text(scores: &[RecordingScore], methods: &[Method]) -> String {
     let wrong: Vec<String> = scores.iter().flat_map(RecordingScore::wrong).collect();
     if wrong.is_empty() {
         text.push_str(&format!(
-            "Nothing wrong: all within {PROMISE_MM:.0} mm, and within 3 mm or 4 σ, refused only where it was due, nothing measured that was to be refused.\n"
+            "Nothing wrong: all within {RIGHT_MM:.0} mm, and within 3 mm or 4 σ, nothing measured that was to be refused.\n"
         ));
     } else {
         text.push_str(&format!("!!! {} WRONG !!!\n", wrong.len()));
         for line in wrong {
             text.push_str(&format!("!!! {line}\n"));
         }
+    }
+    let missed: Vec<String> = scores.iter().flat_map(RecordingScore::missed).collect();
+    if !missed.is_empty() {
+        text.push_str(&format!("{} missed\n{}\n", missed.len(), missed.join("\n")));
     }
     text
 }
@@ -250,7 +255,8 @@ pub fn json(scores: &[RecordingScore]) -> Value {
         }
     }
     let wrong: Vec<String> = scores.iter().flat_map(RecordingScore::wrong).collect();
-    json!({"recordings": recordings, "summary": summary, "wrong": wrong})
+    let missed: Vec<String> = scores.iter().flat_map(RecordingScore::missed).collect();
+    json!({"recordings": recordings, "summary": summary, "wrong": wrong, "missed": missed})
 }
 
 fn box_json(cuboid: &BoxScore) -> Value {

@@ -7,9 +7,11 @@ use crate::calibration::Calibration;
 use crate::frames::{Cam, Plane, Ray};
 use crate::image::Frame;
 use crate::statistics::median;
+use crate::stripe::centres::{
+    CentreSettings, StripePoint, find_centres, find_centres_again, measure_half_width_px,
+};
 use crate::stripe::colour_projection::{ColourProjection, measure_projections};
 use crate::stripe::stripe_line::{ScanDirection, StripeLine};
-use crate::stripe::trace::{StripePoint, TraceSettings, measure_half_width_px, trace, trace_again};
 use crate::units::{LaserId, Px};
 
 /// Where a stripe leaves the plane, at one of its ends.
@@ -281,8 +283,8 @@ pub(crate) fn inner_segments(
         }
         let mut traces = Vec::with_capacity(4);
         for (id, (line, range, from)) in LaserId::ALL.into_iter().zip(pieces) {
-            let tracing = inner.trace_settings(id, search_px);
-            let points = trace(frame, calibration, &line, range, from, &tracing);
+            let tracing = inner.centre_settings(id, search_px);
+            let points = find_centres(frame, calibration, &line, range, from, &tracing);
             inner.rows[id.index()] = rows_for(&points, tracing.rows, most_rows, &settings);
             traces.push(points);
         }
@@ -303,16 +305,16 @@ impl InnerSegments {
         self.usual.map(|usual| self.settings.most_share * usual)
     }
 
-    fn trace_settings(&self, id: LaserId, search_px: f64) -> TraceSettings {
+    fn centre_settings(&self, id: LaserId, search_px: f64) -> CentreSettings {
         let contrast = self.settings.of(self.contrast);
-        TraceSettings {
+        CentreSettings {
             rows: self.rows[id.index()],
             search_px,
             min_signal_to_noise: contrast.least_snr,
             half_width_px: self.half_width_px,
             projection: self.projections[id.index()],
             smooth_px: contrast.smooth_share * self.half_width_px,
-            ..TraceSettings::default()
+            ..CentreSettings::default()
         }
     }
 }
@@ -445,7 +447,7 @@ fn follow(
     limits: Option<[Px; 2]>,
     seen: Option<&FaceStripe>,
 ) -> Option<FaceStripe> {
-    let (settings, following) = (&known.trace_settings(id, pass.search_px), &known.settings);
+    let (settings, following) = (&known.centre_settings(id, pass.search_px), &known.settings);
     let usual = known.usual[id.index()];
     let (line, inner, first) = inner_segment(calibration, plane, id)?;
     let size = match line.scan {
@@ -463,7 +465,7 @@ fn follow(
     range.start = (range.start / rows).ceil() * rows;
     let start = line.px_at(calibration, range.start, other)?.0;
     let seen = seen.map_or(&[][..], |stripe| &stripe.points);
-    let points = trace_again(frame, calibration, &line, range, start, settings, seen);
+    let points = find_centres_again(frame, calibration, &line, range, start, settings, seen);
     if points.is_empty() {
         return None;
     }

@@ -18,7 +18,7 @@ use crate::units::Px;
 use nalgebra::Vector3;
 use obstacle::{MARGIN, grid_middle, obstacles};
 
-/// Nearest and farthest distance that is tried, mm: the stripes are blurred before and faint beyond (README, limits).
+/// Nearest and farthest distance that is tried, mm: the stripes are blurred before and faint beyond.
 pub(crate) const DISTANCES_MM: (f64, f64) = (250.0, 3000.0);
 /// The head is made for faces up to this distance, mm: the largest of 1800 x 900 mm fills the picture from 2.45 m on (PHYSICS.md). What
 /// is known in pixels grows with distance, lines that the network cannot tell from an edge above all: UNCERTAINTY.md.
@@ -30,9 +30,13 @@ const FARTHEST_MM: f64 = 2500.0;
 pub fn too_far(calibration: &Calibration, corners: [Point<Cam>; 4]) -> Option<Reject> {
     let pose = FacePose::from_corners(corners.map(|corner| corner.mm))?;
     let distance_mm = pose.middle.norm();
-    let nearer = FacePose { middle: pose.middle * (FARTHEST_MM / distance_mm), ..pose };
-    (distance_mm > FARTHEST_MM && obstacles(calibration, &nearer, 0.0).is_empty())
-        .then_some(Reject::TooFar { distance_mm, limit_mm: FARTHEST_MM })
+    is_too_far(calibration, &pose).then_some(Reject::TooFar { distance_mm, limit_mm: FARTHEST_MM })
+}
+
+fn is_too_far(calibration: &Calibration, pose: &FacePose) -> bool {
+    let distance_mm = pose.middle.norm();
+    let nearer = FacePose { middle: pose.middle * (FARTHEST_MM / distance_mm), ..*pose };
+    distance_mm > FARTHEST_MM && obstacles(calibration, &nearer, 0.0).is_empty()
 }
 
 /// Between two distances that are tried.
@@ -57,7 +61,10 @@ pub fn working_ranges(calibration: &Calibration, length_mm: f64, width_mm: f64) 
     let mut distance_mm = DISTANCES_MM.0;
     while distance_mm <= DISTANCES_MM.1 {
         let pose = best_view(calibration, [length_mm, width_mm], distance_mm);
-        if let Some(pose) = pose.filter(|pose| obstacles(calibration, pose, MARGIN).is_empty())
+        let measurable = |pose: &FacePose| {
+            obstacles(calibration, pose, MARGIN).is_empty() && !is_too_far(calibration, pose)
+        };
+        if let Some(pose) = pose.filter(measurable)
             && let Some([length, width]) = sigma::side_sigmas(calibration, &pose)
         {
             found.push(WorkingRange { distance_mm, length, width });

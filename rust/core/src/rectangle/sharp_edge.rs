@@ -17,8 +17,8 @@ use crate::face::outline::SIDES;
 use crate::frames::Plane;
 use crate::image::Frame;
 use crate::statistics::{median, robust_sigma, tukey_weight};
+use crate::stripe::centres::{CentreSettings, find_centres};
 use crate::stripe::stripe_line::{ScanDirection, StripeLine};
-use crate::stripe::trace::{TraceSettings, trace};
 use crate::units::{LaserId, Px};
 use nalgebra::{Matrix2, Vector2};
 
@@ -221,10 +221,12 @@ fn collect(
     }
     let range = if to > from { from..from + FOLLOW_PX } else { from - FOLLOW_PX..from };
     let start = line.px_at(calibration, range.start.max(0.0), line.scan.across(end))?.0;
-    let settings = TraceSettings { half_width_px: face.half_width_px, ..TraceSettings::default() };
+    let settings = CentreSettings { half_width_px: face.half_width_px, ..CentreSettings::default() };
     let inside = normal(fit);
     let reference = middle(fit, side);
-    for found in trace(frame, calibration, &line, range, start, &settings).iter().filter_map(|p| p.found) {
+    for found in
+        find_centres(frame, calibration, &line, range, start, &settings).iter().filter_map(|p| p.found)
+    {
         let coordinate = |px: Px| {
             let x = laser.intersect(&calibration.camera().ray_from_px(px))?.mm - reference;
             Some((x.dot(&out), x.dot(&inside)))

@@ -5,7 +5,7 @@
 use super::refine::FittedRectangle;
 use super::side_view::Correction;
 use crate::calibration::{
-    CAMERA, Calibration, CalibrationCovariance, CalibrationStep, PARAMETERS, PLANES, moved,
+    CAMERA, Calibration, CalibrationCovariance, CalibrationStep, FIRST_PLANE, PARAMETERS, moved,
 };
 use crate::eigen::symmetric_eigen;
 use crate::face::model::{OFFSETS, SHAPE, Source, TURNS, UNKNOWNS, Unknowns};
@@ -58,7 +58,7 @@ pub(super) fn causes(calibration: &Calibration, fit: &FittedRectangle, tilts_rad
         }
         match row.source {
             Source::Stripe(laser) => {
-                by_calibration.fixed_rows_mut::<3>(PLANES + 3 * laser).copy_from(&row.by_laser_px);
+                by_calibration.fixed_rows_mut::<3>(FIRST_PLANE + 3 * laser).copy_from(&row.by_laser_px);
                 effect[TILTS + laser] = row.by_laser_px.dot(&turned[laser]);
             }
             Source::Edge(side) => {

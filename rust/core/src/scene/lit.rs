@@ -32,7 +32,7 @@ const HEADROOM_SHARE: f32 = 0.7;
 /// How likely a row is that is neither lit as expected nor unlit, beside the likeliest one: print. No row says more than this leaves, 2.0.
 const PRINT_LIKELIHOOD: f32 = 0.15;
 
-/// A verdict needs odds of 150 to 1 if rows were independent; a stripe's speckle makes neighbours alike (`stripe/trace`): some 10 to 1.
+/// A verdict needs odds of 150 to 1 if rows were independent; a stripe's speckle makes neighbours alike (`stripe/centres`): some 10 to 1.
 const VERDICT_LOG_ODDS: f64 = 5.0;
 /// What is looked at on both sides of a line, px along the stripe: from where blur and rounding are over to any of these, since single rows
 /// may lie on anything; and for a verdict.

@@ -1,10 +1,11 @@
 //! The page `rust/EXPERIMENTS.md`: Markdown tables of what was found, the paper's figures beside it.
 
-use super::super::score::{BoxScore, PROMISE_MM};
+use super::super::score::BoxScore;
 use super::plan::{BOX_MM, Experiment, FACE_MM, MOST_DEG, PLACES, Table};
 use super::series::{Series, Tally};
 use super::{ExperimentResults, shots_of};
 use crate::args::EvaluateArgs;
+use boxline::confidence::RIGHT_MM;
 use boxline::measurement::LEAST_CONFIDENCE;
 
 /// A line of a table and what each way made of it.
@@ -88,8 +89,8 @@ fn intro(found: &ExperimentResults, args: &EvaluateArgs) -> String {
          - *Paper's system* {ihed}\n\
          - *Paper*: T. Peng, Z. Zhang, Y. Song, F. Chen, D. Zeng: \"Portable System for Box Volume Measurement Based on Line-Structured Light Vision and\n\
          \u{20} Deep Learning\", Sensors 2019, 19, 3921, doi:10.3390/s19183921. Of its tables no single values are repeated here; it promises\n\
-         \u{20} ±{PROMISE_MM:.1} mm for every side from 100 to 1800 mm and states an uncertainty of 0.52 to 4.0 mm over that range.\n\n\
-         *n*: measured of all shots, the others were refused; *wrong*: a side is off by more than {PROMISE_MM:.0} mm. Δ: mean of measured minus true, mm;\n\
+         \u{20} ±{RIGHT_MM:.1} mm for every side from 100 to 1800 mm and states an uncertainty of 0.52 to 4.0 mm over that range.\n\n\
+         *n*: measured of all shots, the others were refused; *wrong*: a side is off by more than {RIGHT_MM:.0} mm. Δ: mean of measured minus true, mm;\n\
          *s*: standard deviation of single shots; *max*: largest error. These are rendered pictures: what a real camera, laser or box adds is\n\
          not in them.\n",
         command(args),

@@ -1,8 +1,8 @@
 //! A length measured again and again, and what became of all shots of one thing.
 
-use super::super::score::PROMISE_MM;
 use super::plan::Experiment;
 use boxline::Estimate;
+use boxline::confidence::RIGHT_MM;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
@@ -37,8 +37,7 @@ impl Tally {
             match shot {
                 ShotResult::Refused(reason) => *tally.refused.entry(reason.clone()).or_default() += 1,
                 ShotResult::Measured { sides, warned } => {
-                    let far_off =
-                        |(side, truth): (&Estimate, &f64)| (side.value_mm - truth).abs() > PROMISE_MM;
+                    let far_off = |(side, truth): (&Estimate, &f64)| (side.value_mm - truth).abs() > RIGHT_MM;
                     tally.wrong += usize::from(sides.iter().zip(&what.sides_mm).any(far_off));
                     tally.warned += usize::from(*warned);
                     for (series, side) in tally.sides.iter_mut().zip(sides) {

@@ -27,7 +27,7 @@ pub(crate) struct StripePoint {
 
 impl StripePoint {
     /// The same place as another plane predicts it, which does not change the peak; `None` if that is too far to know.
-    fn predicted_anew(&self, scan: ScanDirection, place: &OnLine, settings: &TraceSettings) -> Option<Self> {
+    fn predicted_anew(&self, scan: ScanDirection, place: &OnLine, settings: &CentreSettings) -> Option<Self> {
         let across = scan.across(place.px);
         if (across - scan.across(self.predicted)).abs() * place.factor > settings.same_px {
             return None;
@@ -57,7 +57,7 @@ pub(crate) struct StripeCentre {
 
 /// How to follow a stripe.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct TraceSettings {
+pub(crate) struct CentreSettings {
     /// Rows per profile. More see fainter light and blur the ends of the stripe.
     pub rows: usize,
     /// Largest distance from the prediction across the stripe, px. More finds a worse prediction and more wrong peaks.
@@ -81,7 +81,7 @@ pub(crate) struct TraceSettings {
     pub same_px: f64,
 }
 
-impl TraceSettings {
+impl CentreSettings {
     pub const DEFAULT: Self = Self {
         rows: 4,
         search_px: 8.0,
@@ -96,7 +96,7 @@ impl TraceSettings {
     };
 }
 
-impl Default for TraceSettings {
+impl Default for CentreSettings {
     fn default() -> Self {
         Self::DEFAULT
     }
@@ -107,26 +107,26 @@ const MOST_ROWS: usize = 257;
 
 /// Follows the stripe of laser `id` on `plane` from `from_px` to `to_px` along its walk (both inside the image), starting
 /// at a pixel of it. Points come in order of `along_px`.
-pub(crate) fn trace(
+pub(crate) fn find_centres(
     frame: &Frame,
     calibration: &Calibration,
     line: &StripeLine,
     range_px: std::ops::Range<f64>,
     start: Px,
-    settings: &TraceSettings,
+    settings: &CentreSettings,
 ) -> Vec<StripePoint> {
-    trace_again(frame, calibration, line, range_px, start, settings, &[])
+    find_centres_again(frame, calibration, line, range_px, start, settings, &[])
 }
 
-/// As [`trace`]; places of an earlier look on another plane along the same walk, `seen`, are not looked at again if their prediction
+/// As [`find_centres`]; places of an earlier look on another plane along the same walk, `seen`, are not looked at again if their prediction
 /// has hardly moved.
-pub(crate) fn trace_again(
+pub(crate) fn find_centres_again(
     frame: &Frame,
     calibration: &Calibration,
     line: &StripeLine,
     range_px: std::ops::Range<f64>,
     start: Px,
-    settings: &TraceSettings,
+    settings: &CentreSettings,
     mut seen: &[StripePoint],
 ) -> Vec<StripePoint> {
     let (along_size, across_size) = match line.scan {
@@ -359,14 +359,14 @@ mod tests {
         Frame::from_rgb(WIDTH, HEIGHT, rgb).expect("the size fits")
     }
 
-    fn settings(rows: usize, width_px: f64, estimator: Estimator) -> TraceSettings {
-        TraceSettings {
+    fn settings(rows: usize, width_px: f64, estimator: Estimator) -> CentreSettings {
+        CentreSettings {
             rows,
             search_px: 5.0,
             min_signal_to_noise: 3.0,
             half_width_px: 3.0 * width_px,
             estimator,
-            ..TraceSettings::default()
+            ..CentreSettings::default()
         }
     }
 
@@ -398,7 +398,7 @@ mod tests {
             let (line, range, start) = whole(&calibration, &plane, id);
             for estimator in [Estimator::CentreOfGravity, Estimator::Steger] {
                 let settings = settings(rows, width_px, estimator);
-                let points = trace(&frame, &calibration, &line, range.clone(), start, &settings);
+                let points = find_centres(&frame, &calibration, &line, range.clone(), start, &settings);
                 prop_assert!(points.len() > 300 / rows, "{} points", points.len());
                 for p in &points {
                     let found = p.found.expect("nothing hides it");
@@ -418,7 +418,7 @@ mod tests {
             let frame = stripe_frame(&calibration, &plane, id, 2.5, 200..260);
             let (line, range, start) = whole(&calibration, &plane, id);
             let settings = settings(4, 2.5, Estimator::CentreOfGravity);
-            for p in trace(&frame, &calibration, &line, range, start, &settings) {
+            for p in find_centres(&frame, &calibration, &line, range, start, &settings) {
                 let v = p.predicted.v;
                 if (212.0..248.0).contains(&v) {
                     assert!(p.found.is_none(), "stripe {id} found in the dark at {:?}", p.predicted);
@@ -461,7 +461,7 @@ mod tests {
         for id in LaserId::ALL {
             let (line, range, start) = whole(&calibration, &plane, id);
             let settings = settings(4, 2.5, Estimator::CentreOfGravity);
-            let points = trace(&frame, &calibration, &line, range.clone(), start, &settings);
+            let points = find_centres(&frame, &calibration, &line, range.clone(), start, &settings);
             assert!(points.iter().all(|p| p.found.is_none()));
             assert_eq!(
                 measure_half_width_px(
