@@ -3,7 +3,7 @@
 use super::cause::Cause;
 use super::rows::RunSettings;
 use super::statistics::Share;
-use super::summary::{Confidence, Errors, Group, Summary, Wrong};
+use super::summary::{Confidence, Errors, Group, HazardGroups, Size, Summary, Wrong};
 
 /// Whether boxes were rendered with three faces of which two are used.
 pub fn two_of_three(made: &RunSettings) -> bool {
@@ -44,42 +44,8 @@ fn part(summary: &Summary, pictures: Option<&Pictures>) -> String {
     let of_boxes = matches!(made.source.as_str(), "box" | "three" | "twins" | "folders");
     let things = if of_boxes { "boxes" } else { "faces" };
     let mut text = format!("## {}\n\n{}", title(made), how(summary));
-    let m = &summary.measurable;
-    if let (Some(measured), Some(wrong), Some(ambiguous), Some(refused)) =
-        (m.measured, m.wrong, m.ambiguous, m.refused)
-    {
-        let mut rows = vec![
-            vec!["measured".to_owned(), measured.count.to_string(), share(&measured)],
-            vec!["**wrong**, of the measured".into(), wrong.count.to_string(), share(&wrong)],
-        ];
-        for cause in Cause::ALL {
-            let count = m.causes.get(&cause).copied().unwrap_or(0);
-            rows.push(vec![format!("... {}", cause.words()), count.to_string(), String::new()]);
-        }
-        rows.push(vec!["two boxes possible".into(), ambiguous.count.to_string(), share(&ambiguous)]);
-        for (what, count) in
-            [("... though the faces differ", m.undecided), ("... and neither is right", m.neither_right)]
-        {
-            if count > 0 {
-                rows.push(vec![what.to_owned(), count.to_string(), String::new()]);
-            }
-        }
-        rows.push(vec!["refused".into(), refused.count.to_string(), share(&refused)]);
-        for (reason, count) in &m.reasons {
-            rows.push(vec![format!("... {reason}"), count.to_string(), String::new()]);
-        }
-        text.push_str(&format!("\n### Measurable: {} of {} {things}\n\n", m.count, summary.count));
-        text.push_str(&table(&["", "count", "share"], &rows));
-    }
-    let must = &summary.must_refuse;
-    if let Some(wrong) = &must.wrong {
-        let row =
-            |name: String, s: &Share| vec![name, (s.of - s.count).to_string(), s.count.to_string(), share(s)];
-        let mut rows = vec![row("all".into(), wrong)];
-        rows.extend(must.reasons.iter().map(|(reason, s)| row(reason.clone(), s)));
-        text.push_str(&format!("\n### To be refused: {} of {} {things}\n\n", must.count, summary.count));
-        text.push_str(&table(&["refusal due", "refused", "**wrong**: measured", "share"], &rows));
-    }
+    text.push_str(&measurable(summary, things).unwrap_or_default());
+    text.push_str(&to_be_refused(summary, things).unwrap_or_default());
     let far = &summary.out_of_range;
     if far.count > 0 {
         text.push_str(&format!(
@@ -88,60 +54,13 @@ fn part(summary: &Summary, pictures: Option<&Pictures>) -> String {
         ));
     }
     if !summary.wrong.is_empty() {
-        let rows: Vec<Vec<String>> = summary
-            .wrong
-            .iter()
-            .map(|w| {
-                let number =
-                    |x: Option<f64>, digits: usize| x.map_or("-".to_owned(), |x| format!("{x:.digits$}"));
-                vec![
-                    w.name.clone(),
-                    w.frames.clone(),
-                    number(w.error_mm, 1),
-                    number(w.sigma_mm, 2),
-                    number(w.confidence, 3),
-                    why(w),
-                    w.hazards.clone(),
-                ]
-            })
-            .collect();
-        text.push_str("\n### Wrong results\n\n");
-        let header = ["box", "frames", "off by, mm", "sigma, mm", "stated probability", "cause", "hazards"];
-        text.push_str(&table(&header, &rows));
+        text.push_str(&wrong_results(&summary.wrong));
     }
     if let Some(confidence) = &summary.confidence {
         text.push_str(&stated(confidence, pictures));
     }
     if !summary.sizes.is_empty() {
-        let errors = |e: &Errors| {
-            if e.count == 0 {
-                return vec!["0".to_owned(), "-".into(), "-".into(), "-".into()];
-            }
-            vec![
-                e.count.to_string(),
-                format!("{:.2}", e.rms_mm),
-                share(&e.covered),
-                format!("{:.2}", e.mean_z2),
-            ]
-        };
-        let rows: Vec<Vec<String>> = summary
-            .sizes
-            .iter()
-            .map(|s| [vec![s.class.to_owned()], errors(&s.of_right), errors(&s.of_all)].concat())
-            .collect();
-        text.push_str("\n### Sigma\n\nSides of measured boxes that are right, and of all. With true sigmas 95 % lie in the interval and the mean of (error/sigma)² is 1.\n\n");
-        let header = [
-            "side, mm",
-            "right: sides",
-            "rms, mm",
-            "in the interval of 95 %",
-            "(error/sigma)²",
-            "all: sides",
-            "rms, mm",
-            "in the interval of 95 %",
-            "(error/sigma)²",
-        ];
-        text.push_str(&table(&header, &rows));
+        text.push_str(&sigmas(&summary.sizes));
     }
     for (name, groups) in &summary.groups {
         let rows: Vec<Vec<String>> =
@@ -150,20 +69,109 @@ fn part(summary: &Summary, pictures: Option<&Pictures>) -> String {
         text.push_str(&table(&[name, things, "measured", "wrong, of the measured"], &rows));
     }
     if !summary.hazards.is_empty() {
-        let rows: Vec<Vec<String>> = summary
-            .hazards
-            .iter()
-            .map(|h| {
-                let (with, without) = (h.with.measured.of, h.without.measured.of);
-                let drawn = format!("{:.0} %", 100.0 * with as f64 / (with + without) as f64);
-                [vec![h.hazard.clone(), drawn], of_group(&h.with), of_group(&h.without)].concat()
-            })
-            .collect();
-        text.push_str("\n### By hazard\n\n");
-        let header = ["hazard", "share", "with it", "measured", "wrong", "without it", "measured", "wrong"];
-        text.push_str(&table(&header, &rows));
+        text.push_str(&by_hazard(&summary.hazards));
     }
     text
+}
+
+fn measurable(summary: &Summary, things: &str) -> Option<String> {
+    let m = &summary.measurable;
+    let (measured, wrong, ambiguous, refused) = (m.measured?, m.wrong?, m.ambiguous?, m.refused?);
+    let mut rows = vec![
+        vec!["measured".to_owned(), measured.count.to_string(), share(&measured)],
+        vec!["**wrong**, of the measured".into(), wrong.count.to_string(), share(&wrong)],
+    ];
+    for cause in Cause::ALL {
+        let count = m.causes.get(&cause).copied().unwrap_or(0);
+        rows.push(vec![format!("... {}", cause.words()), count.to_string(), String::new()]);
+    }
+    rows.push(vec!["two boxes possible".into(), ambiguous.count.to_string(), share(&ambiguous)]);
+    for (what, count) in
+        [("... though the faces differ", m.undecided), ("... and neither is right", m.neither_right)]
+    {
+        if count > 0 {
+            rows.push(vec![what.to_owned(), count.to_string(), String::new()]);
+        }
+    }
+    rows.push(vec!["refused".into(), refused.count.to_string(), share(&refused)]);
+    for (reason, count) in &m.reasons {
+        rows.push(vec![format!("... {reason}"), count.to_string(), String::new()]);
+    }
+    let table = table(&["", "count", "share"], &rows);
+    Some(format!("\n### Measurable: {} of {} {things}\n\n{table}", m.count, summary.count))
+}
+
+fn to_be_refused(summary: &Summary, things: &str) -> Option<String> {
+    let must = &summary.must_refuse;
+    let wrong = must.wrong.as_ref()?;
+    let row =
+        |name: String, s: &Share| vec![name, (s.of - s.count).to_string(), s.count.to_string(), share(s)];
+    let mut rows = vec![row("all".into(), wrong)];
+    rows.extend(must.reasons.iter().map(|(reason, s)| row(reason.clone(), s)));
+    let table = table(&["refusal due", "refused", "**wrong**: measured", "share"], &rows);
+    Some(format!("\n### To be refused: {} of {} {things}\n\n{table}", must.count, summary.count))
+}
+
+fn wrong_results(wrong: &[Wrong]) -> String {
+    let rows: Vec<Vec<String>> = wrong
+        .iter()
+        .map(|w| {
+            let number =
+                |x: Option<f64>, digits: usize| x.map_or("-".to_owned(), |x| format!("{x:.digits$}"));
+            vec![
+                w.name.clone(),
+                w.frames.clone(),
+                number(w.error_mm, 1),
+                number(w.sigma_mm, 2),
+                number(w.confidence, 3),
+                why(w),
+                w.hazards.clone(),
+            ]
+        })
+        .collect();
+    let header = ["box", "frames", "off by, mm", "sigma, mm", "stated probability", "cause", "hazards"];
+    format!("\n### Wrong results\n\n{}", table(&header, &rows))
+}
+
+fn sigmas(sizes: &[Size]) -> String {
+    let errors = |e: &Errors| {
+        if e.count == 0 {
+            return vec!["0".to_owned(), "-".into(), "-".into(), "-".into()];
+        }
+        vec![e.count.to_string(), format!("{:.2}", e.rms_mm), share(&e.covered), format!("{:.2}", e.mean_z2)]
+    };
+    let rows: Vec<Vec<String>> = sizes
+        .iter()
+        .map(|s| [vec![s.class.to_owned()], errors(&s.of_right), errors(&s.of_all)].concat())
+        .collect();
+    let header = [
+        "side, mm",
+        "right: sides",
+        "rms, mm",
+        "in the interval of 95 %",
+        "(error/sigma)²",
+        "all: sides",
+        "rms, mm",
+        "in the interval of 95 %",
+        "(error/sigma)²",
+    ];
+    format!(
+        "\n### Sigma\n\nSides of measured boxes that are right, and of all. With true sigmas 95 % lie in the interval and the mean of (error/sigma)² is 1.\n\n{}",
+        table(&header, &rows)
+    )
+}
+
+fn by_hazard(hazards: &[HazardGroups]) -> String {
+    let rows: Vec<Vec<String>> = hazards
+        .iter()
+        .map(|h| {
+            let (with, without) = (h.with.measured.of, h.without.measured.of);
+            let drawn = format!("{:.0} %", 100.0 * with as f64 / (with + without) as f64);
+            [vec![h.hazard.clone(), drawn], of_group(&h.with), of_group(&h.without)].concat()
+        })
+        .collect();
+    let header = ["hazard", "share", "with it", "measured", "wrong", "without it", "measured", "wrong"];
+    format!("\n### By hazard\n\n{}", table(&header, &rows))
 }
 
 fn title(made: &RunSettings) -> &str {

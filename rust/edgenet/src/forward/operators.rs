@@ -75,243 +75,259 @@ impl Builder {
 
     /// What a node of one output gives.
     pub(super) fn given(&mut self, node: &Node, inputs: &[Option<Value>]) -> Outcome<NodeResult> {
-        let attributes = Attributes(&node.attributes);
-        let first = || needed(inputs, 0);
-        let rank = inputs.first().and_then(Option::as_ref).map_or(0, |input| input.sizes.len());
-        let optional = |n: usize| inputs.get(n).and_then(Option::as_ref);
-        // Axes are an attribute of older versions, an input of newer ones.
-        let axes = || -> Outcome<Option<Vec<i64>>> {
-            match (optional(1), attributes.find("axes")) {
-                (Some(axes), _) => axes.whole().map(|a| Some(a.to_vec())),
-                (None, Some(attribute)) => Ok(Some(attribute.ints.clone())),
-                (None, None) => Ok(None),
-            }
-        };
-        let each = |kind| {
-            Ok(NodeResult::Step(Kind::Other(Op::Unary(kind)), vec![first()?.clone()], first()?.sizes.clone()))
-        };
-        let seen_as = |sizes: Vec<usize>| -> Outcome<NodeResult> {
-            let input = first()?;
-            if len_of(&sizes) != len_of(&input.sizes) {
-                return wrong(format!("{:?} cannot be seen as {sizes:?}", input.sizes));
-            }
-            Ok(NodeResult::Ready(Value { sizes, content: input.content.clone() }))
-        };
+        let attributes = &Attributes(&node.attributes);
         match node.operator.as_str() {
             "Constant" => {
                 let tensor = attributes.find("value").and_then(|a| a.tensor.clone());
                 self.array(tensor.ok_or_else(|| bad("it has no value"))?).map(NodeResult::Ready)
             }
-            "Conv" => conv(inputs, &attributes),
-            "Gemm" => product(inputs, &attributes),
-            "MaxPool" => max_pool(first()?, &attributes),
-            "Resize" => resize(inputs, &attributes),
-            "Relu" => each(UnaryOp::Relu),
-            "Sigmoid" => each(UnaryOp::Sigmoid),
-            "Sqrt" => each(UnaryOp::Sqrt),
-            "Abs" => each(UnaryOp::Abs),
-            "Clip" => {
-                let bound =
-                    |n: usize, otherwise: f32| match optional(n).map(Value::floats).transpose()?.as_deref() {
-                        Some(Data::Floats(values)) if values.len() == 1 => Ok(values[0]),
-                        None => Ok(otherwise),
-                        _ => wrong("its bounds are no single numbers"),
-                    };
-                each(UnaryOp::Clip(bound(1, f32::NEG_INFINITY)?, bound(2, f32::INFINITY)?))
-            }
+            "Conv" => conv(inputs, attributes),
+            "Gemm" => product(inputs, attributes),
+            "MaxPool" => max_pool(needed(inputs, 0)?, attributes),
+            "Resize" => resize(inputs, attributes),
+            "Relu" => each(inputs, UnaryOp::Relu),
+            "Sigmoid" => each(inputs, UnaryOp::Sigmoid),
+            "Sqrt" => each(inputs, UnaryOp::Sqrt),
+            "Abs" => each(inputs, UnaryOp::Abs),
+            "Clip" => clip(inputs),
             "Add" => pair(BinaryOp::Add, inputs),
             "Sub" => pair(BinaryOp::Sub, inputs),
             "Mul" => pair(BinaryOp::Mul, inputs),
             "Div" => pair(BinaryOp::Div, inputs),
             "Pow" => pair(BinaryOp::Pow, inputs),
-            "Equal" => {
-                let (a, b) = (first()?, needed(inputs, 1)?);
-                let sizes = spread_sizes(&a.sizes, &b.sizes)?;
-                self.count(&sizes)?;
-                let (first, second) = (spread_places(&a.sizes, &sizes), spread_places(&b.sizes, &sizes));
-                let (a, b) = (a.whole()?, b.whole()?);
-                let same =
-                    first.iter().zip(&second).map(|(x, y)| i64::from(a[*x as usize] == b[*y as usize]));
-                Ok(NodeResult::Ready(Value::known(sizes, Data::Whole(same.collect()))))
-            }
-            "Where" => {
-                let values = [first()?, needed(inputs, 1)?, needed(inputs, 2)?];
-                let sizes =
-                    spread_sizes(&spread_sizes(&values[0].sizes, &values[1].sizes)?, &values[2].sizes)?;
-                let len = self.count(&sizes)?;
-                let places = values.map(|value| spread_places(&value.sizes, &sizes));
-                let [condition, yes, no] = [values[0].whole()?, values[1].whole()?, values[2].whole()?];
-                let at = |values: &[i64], number: usize, n: usize| values[places[number][n] as usize];
-                let one = |n| if at(condition, 0, n) == 0 { at(no, 2, n) } else { at(yes, 1, n) };
-                Ok(NodeResult::Ready(Value::known(sizes, Data::Whole((0..len).map(one).collect()))))
-            }
-            "ConstantOfShape" => {
-                let sizes = first()?.whole()?.iter().map(|s| size_of(*s)).collect::<Outcome<Vec<_>>>()?;
-                let len = self.count(&sizes)?;
-                let data = match attributes.find("value").and_then(|a| a.tensor.clone()) {
-                    None => Data::Floats(vec![0.0; len]),
-                    Some(tensor) => match tensor.contents()?.1 {
-                        Data::Floats(values) if values.len() == 1 => Data::Floats(vec![values[0]; len]),
-                        Data::Whole(values) if values.len() == 1 => Data::Whole(vec![values[0]; len]),
-                        _ => return wrong("its value is no single number"),
-                    },
-                };
-                Ok(NodeResult::Ready(Value::known(sizes, data)))
-            }
-            "Shape" => {
-                if attributes.find("start").is_some() || attributes.find("end").is_some() {
-                    return wrong(
-                        "the engine inside knows it without start and end only; ONNX Runtime can run it",
-                    );
-                }
-                let sizes: Vec<i64> =
-                    first()?.sizes.iter().map(|s| i64::try_from(*s).unwrap_or(i64::MAX)).collect();
-                Ok(NodeResult::Ready(Value::known(vec![sizes.len()], Data::Whole(sizes))))
-            }
-            "Expand" => {
-                let wanted =
-                    needed(inputs, 1)?.whole()?.iter().map(|s| size_of(*s)).collect::<Outcome<Vec<_>>>()?;
-                let sizes = spread_sizes(&first()?.sizes, &wanted)?;
-                self.count(&sizes)?;
-                let places = spread_places(&first()?.sizes, &sizes);
-                Ok(NodeResult::Step(Kind::Other(Op::Take(places)), vec![first()?.clone()], sizes))
-            }
-            "Transpose" => {
-                let input = first()?;
-                let order = attributes
-                    .find("perm")
-                    .map_or_else(|| (0..rank as i64).rev().collect(), |a| a.ints.clone());
-                let order = order.iter().map(|axis| axis_of(*axis, rank)).collect::<Outcome<Vec<_>>>()?;
-                if order.len() != rank || !(0..rank).all(|axis| order.contains(&axis)) {
-                    return wrong(format!("its order is {order:?}"));
-                }
-                let steps = steps_of(&input.sizes);
-                let sizes: Vec<usize> = order.iter().map(|axis| input.sizes[*axis]).collect();
-                let steps: Vec<usize> = order.iter().map(|axis| steps[*axis]).collect();
-                let places = places(&all_of(&sizes), &steps);
-                Ok(NodeResult::Step(Kind::Other(Op::Take(places)), vec![input.clone()], sizes))
-            }
+            "Equal" => self.equal(inputs),
+            "Where" => self.chosen(inputs),
+            "ConstantOfShape" => self.constant_of_shape(inputs, attributes),
+            "Shape" => shape(inputs, attributes),
+            "Expand" => self.expand(inputs),
+            "Transpose" => transpose(inputs, attributes),
             "Slice" => slice(inputs),
-            "Gather" => {
-                let (input, chosen) = (first()?, needed(inputs, 1)?);
-                let axis = axis_of(attributes.int("axis", 0), rank)?;
-                if chosen.sizes.len() > 1 {
-                    return wrong("it chooses by more than a row of numbers");
-                }
-                let mut picks = all_of(&input.sizes);
-                picks[axis] = chosen
-                    .whole()?
-                    .iter()
-                    .map(|n| axis_of(*n, input.sizes[axis]))
-                    .collect::<Outcome<Vec<_>>>()?;
-                let NodeResult::Step(kind, inputs, mut sizes) = picked(input, &picks)? else {
-                    return wrong("nothing is picked");
-                };
-                if chosen.sizes.is_empty() {
-                    sizes.remove(axis);
-                }
-                Ok(NodeResult::Step(kind, inputs, sizes))
-            }
-            "Concat" => concat(inputs, &attributes),
-            "ReduceMean" | "ReduceSum" | "ReduceMax" => {
-                let kind = match node.operator.as_str() {
-                    "ReduceMean" => Reduce::Mean,
-                    "ReduceSum" => Reduce::Sum,
-                    _ => Reduce::Max,
-                };
-                let axes = axes()?.unwrap_or_else(|| (0..rank as i64).collect());
-                let axes = axes.iter().map(|axis| axis_of(*axis, rank)).collect::<Outcome<Vec<_>>>()?;
-                let input = first()?;
-                if attributes.int("noop_with_empty_axes", 0) != 0 {
-                    return wrong(
-                        "the engine inside knows no sum that sums nothing; ONNX Runtime can run it",
-                    );
-                }
-                let lanes = lanes(&input.sizes, &axes)?;
-                let keep = attributes.int("keepdims", 1) != 0;
-                let sizes =
-                    input.sizes.iter().enumerate().filter_map(|(axis, size)| match axes.contains(&axis) {
-                        true => keep.then_some(1),
-                        false => Some(*size),
-                    });
-                let sizes = sizes.collect();
-                Ok(NodeResult::Step(Kind::Other(Op::Reduce { kind, lanes }), vec![input.clone()], sizes))
-            }
-            "Softmax" => {
-                let input = first()?;
-                let lanes = lanes(&input.sizes, &[axis_of(attributes.int("axis", -1), rank)?])?;
-                Ok(NodeResult::Step(
-                    Kind::Other(Op::Softmax(lanes)),
-                    vec![input.clone()],
-                    input.sizes.clone(),
-                ))
-            }
-            "Identity" => seen_as(first()?.sizes.clone()),
-            "Cast" => {
-                let is_float = match &first()?.content {
-                    Content::Known(data) => matches!(**data, Data::Floats(_)),
-                    Content::Made(_) => true,
-                };
-                if !is_float || attributes.int("to", 0) != i64::from(FLOAT) {
-                    return wrong(
-                        "the engine inside casts from floats to floats only; ONNX Runtime can run it",
-                    );
-                }
-                seen_as(first()?.sizes.clone())
-            }
-            "Reshape" => {
-                let input = first()?;
-                let wanted = needed(inputs, 1)?.whole()?;
-                if wanted.iter().filter(|size| **size == -1).count() > 1
-                    || attributes.int("allowzero", 0) != 0
-                {
-                    return wrong(format!("its sizes are {wanted:?}"));
-                }
-                let mut sizes = Vec::new();
-                for (axis, size) in wanted.iter().enumerate() {
-                    sizes.push(match size {
-                        0 => {
-                            *input.sizes.get(axis).ok_or_else(|| bad(format!("its sizes are {wanted:?}")))?
-                        }
-                        -1 => 1,
-                        size => size_of(*size)?,
-                    });
-                }
-                if let Some(axis) = wanted.iter().position(|size| *size == -1) {
-                    let others = len_of(&sizes).filter(|len| *len > 0);
-                    let others = others.ok_or_else(|| bad(format!("its sizes are {wanted:?}")))?;
-                    sizes[axis] = input.sizes.iter().product::<usize>() / others;
-                }
-                seen_as(sizes)
-            }
-            "Flatten" => {
-                let sizes = &first()?.sizes;
-                let axis = attributes.int("axis", 1);
-                let axis = if usize::try_from(axis) == Ok(rank) { rank } else { axis_of(axis, rank)? };
-                seen_as(vec![sizes[..axis].iter().product(), sizes[axis..].iter().product()])
-            }
-            "Squeeze" => {
-                let sizes = &first()?.sizes;
-                let dropped = match axes()? {
-                    Some(axes) => {
-                        axes.iter().map(|axis| axis_of(*axis, rank)).collect::<Outcome<Vec<_>>>()?
-                    }
-                    None => (0..rank).filter(|axis| sizes[*axis] == 1).collect(),
-                };
-                seen_as((0..rank).filter(|axis| !dropped.contains(axis)).map(|axis| sizes[axis]).collect())
-            }
-            "Unsqueeze" => {
-                let added = axes()?.ok_or_else(|| bad("it has no axes"))?;
-                let rank = rank + added.len();
-                let added = added.iter().map(|axis| axis_of(*axis, rank)).collect::<Outcome<Vec<_>>>()?;
-                let mut old = first()?.sizes.iter();
-                let sizes =
-                    (0..rank).map(|axis| if added.contains(&axis) { Some(1) } else { old.next().copied() });
-                seen_as(sizes.collect::<Option<Vec<_>>>().ok_or_else(|| bad("its axes are named twice"))?)
-            }
+            "Gather" => gather(inputs, attributes),
+            "Concat" => concat(inputs, attributes),
+            "ReduceMean" => reduce(Reduce::Mean, inputs, attributes),
+            "ReduceSum" => reduce(Reduce::Sum, inputs, attributes),
+            "ReduceMax" => reduce(Reduce::Max, inputs, attributes),
+            "Softmax" => softmax(inputs, attributes),
+            "Identity" => seen_as(inputs, needed(inputs, 0)?.sizes.clone()),
+            "Cast" => cast(inputs, attributes),
+            "Reshape" => reshape(inputs, attributes),
+            "Flatten" => flatten(inputs, attributes),
+            "Squeeze" => squeeze(inputs, attributes),
+            "Unsqueeze" => unsqueeze(inputs, attributes),
             _ => wrong("the engine inside does not know it; ONNX Runtime can run the network"),
         }
     }
+
+    fn equal(&mut self, inputs: &[Option<Value>]) -> Outcome<NodeResult> {
+        let (a, b) = (needed(inputs, 0)?, needed(inputs, 1)?);
+        let sizes = spread_sizes(&a.sizes, &b.sizes)?;
+        self.count(&sizes)?;
+        let (first, second) = (spread_places(&a.sizes, &sizes), spread_places(&b.sizes, &sizes));
+        let (a, b) = (a.whole()?, b.whole()?);
+        let same = first.iter().zip(&second).map(|(x, y)| i64::from(a[*x as usize] == b[*y as usize]));
+        Ok(NodeResult::Ready(Value::known(sizes, Data::Whole(same.collect()))))
+    }
+
+    fn chosen(&mut self, inputs: &[Option<Value>]) -> Outcome<NodeResult> {
+        let values = [needed(inputs, 0)?, needed(inputs, 1)?, needed(inputs, 2)?];
+        let sizes = spread_sizes(&spread_sizes(&values[0].sizes, &values[1].sizes)?, &values[2].sizes)?;
+        let len = self.count(&sizes)?;
+        let places = values.map(|value| spread_places(&value.sizes, &sizes));
+        let [condition, yes, no] = [values[0].whole()?, values[1].whole()?, values[2].whole()?];
+        let at = |values: &[i64], number: usize, n: usize| values[places[number][n] as usize];
+        let one = |n| if at(condition, 0, n) == 0 { at(no, 2, n) } else { at(yes, 1, n) };
+        Ok(NodeResult::Ready(Value::known(sizes, Data::Whole((0..len).map(one).collect()))))
+    }
+
+    fn constant_of_shape(
+        &mut self,
+        inputs: &[Option<Value>],
+        attributes: &Attributes<'_>,
+    ) -> Outcome<NodeResult> {
+        let sizes = needed(inputs, 0)?.whole()?.iter().map(|s| size_of(*s)).collect::<Outcome<Vec<_>>>()?;
+        let len = self.count(&sizes)?;
+        let data = match attributes.find("value").and_then(|a| a.tensor.clone()) {
+            None => Data::Floats(vec![0.0; len]),
+            Some(tensor) => match tensor.contents()?.1 {
+                Data::Floats(values) if values.len() == 1 => Data::Floats(vec![values[0]; len]),
+                Data::Whole(values) if values.len() == 1 => Data::Whole(vec![values[0]; len]),
+                _ => return wrong("its value is no single number"),
+            },
+        };
+        Ok(NodeResult::Ready(Value::known(sizes, data)))
+    }
+
+    fn expand(&mut self, inputs: &[Option<Value>]) -> Outcome<NodeResult> {
+        let wanted = needed(inputs, 1)?.whole()?.iter().map(|s| size_of(*s)).collect::<Outcome<Vec<_>>>()?;
+        let sizes = spread_sizes(&needed(inputs, 0)?.sizes, &wanted)?;
+        self.count(&sizes)?;
+        let places = spread_places(&needed(inputs, 0)?.sizes, &sizes);
+        Ok(NodeResult::Step(Kind::Other(Op::Take(places)), vec![needed(inputs, 0)?.clone()], sizes))
+    }
+}
+
+/// Axes are an attribute of older versions, an input of newer ones.
+fn axes(inputs: &[Option<Value>], attributes: &Attributes<'_>) -> Outcome<Option<Vec<i64>>> {
+    match (inputs.get(1).and_then(Option::as_ref), attributes.find("axes")) {
+        (Some(axes), _) => axes.whole().map(|a| Some(a.to_vec())),
+        (None, Some(attribute)) => Ok(Some(attribute.ints.clone())),
+        (None, None) => Ok(None),
+    }
+}
+
+fn each(inputs: &[Option<Value>], kind: UnaryOp) -> Outcome<NodeResult> {
+    let input = needed(inputs, 0)?;
+    Ok(NodeResult::Step(Kind::Other(Op::Unary(kind)), vec![input.clone()], input.sizes.clone()))
+}
+
+/// The first input's numbers as an array of other sizes.
+fn seen_as(inputs: &[Option<Value>], sizes: Vec<usize>) -> Outcome<NodeResult> {
+    let input = needed(inputs, 0)?;
+    if len_of(&sizes) != len_of(&input.sizes) {
+        return wrong(format!("{:?} cannot be seen as {sizes:?}", input.sizes));
+    }
+    Ok(NodeResult::Ready(Value { sizes, content: input.content.clone() }))
+}
+
+fn clip(inputs: &[Option<Value>]) -> Outcome<NodeResult> {
+    let bound = |n: usize, otherwise: f32| match inputs
+        .get(n)
+        .and_then(Option::as_ref)
+        .map(Value::floats)
+        .transpose()?
+        .as_deref()
+    {
+        Some(Data::Floats(values)) if values.len() == 1 => Ok(values[0]),
+        None => Ok(otherwise),
+        _ => wrong("its bounds are no single numbers"),
+    };
+    each(inputs, UnaryOp::Clip(bound(1, f32::NEG_INFINITY)?, bound(2, f32::INFINITY)?))
+}
+
+fn gather(inputs: &[Option<Value>], attributes: &Attributes<'_>) -> Outcome<NodeResult> {
+    let (input, chosen) = (needed(inputs, 0)?, needed(inputs, 1)?);
+    let axis = axis_of(attributes.int("axis", 0), input.sizes.len())?;
+    if chosen.sizes.len() > 1 {
+        return wrong("it chooses by more than a row of numbers");
+    }
+    let mut picks = all_of(&input.sizes);
+    picks[axis] =
+        chosen.whole()?.iter().map(|n| axis_of(*n, input.sizes[axis])).collect::<Outcome<Vec<_>>>()?;
+    let NodeResult::Step(kind, inputs, mut sizes) = picked(input, &picks)? else {
+        return wrong("nothing is picked");
+    };
+    if chosen.sizes.is_empty() {
+        sizes.remove(axis);
+    }
+    Ok(NodeResult::Step(kind, inputs, sizes))
+}
+
+fn transpose(inputs: &[Option<Value>], attributes: &Attributes<'_>) -> Outcome<NodeResult> {
+    let input = needed(inputs, 0)?;
+    let rank = input.sizes.len();
+    let order = attributes.find("perm").map_or_else(|| (0..rank as i64).rev().collect(), |a| a.ints.clone());
+    let order = order.iter().map(|axis| axis_of(*axis, rank)).collect::<Outcome<Vec<_>>>()?;
+    if order.len() != rank || !(0..rank).all(|axis| order.contains(&axis)) {
+        return wrong(format!("its order is {order:?}"));
+    }
+    let steps = steps_of(&input.sizes);
+    let sizes: Vec<usize> = order.iter().map(|axis| input.sizes[*axis]).collect();
+    let steps: Vec<usize> = order.iter().map(|axis| steps[*axis]).collect();
+    let places = places(&all_of(&sizes), &steps);
+    Ok(NodeResult::Step(Kind::Other(Op::Take(places)), vec![input.clone()], sizes))
+}
+
+fn reduce(kind: Reduce, inputs: &[Option<Value>], attributes: &Attributes<'_>) -> Outcome<NodeResult> {
+    let input = needed(inputs, 0)?;
+    let rank = input.sizes.len();
+    let axes = axes(inputs, attributes)?.unwrap_or_else(|| (0..rank as i64).collect());
+    let axes = axes.iter().map(|axis| axis_of(*axis, rank)).collect::<Outcome<Vec<_>>>()?;
+    if attributes.int("noop_with_empty_axes", 0) != 0 {
+        return wrong("the engine inside knows no sum that sums nothing; ONNX Runtime can run it");
+    }
+    let lanes = lanes(&input.sizes, &axes)?;
+    let keep = attributes.int("keepdims", 1) != 0;
+    let sizes = input.sizes.iter().enumerate().filter_map(|(axis, size)| match axes.contains(&axis) {
+        true => keep.then_some(1),
+        false => Some(*size),
+    });
+    let sizes = sizes.collect();
+    Ok(NodeResult::Step(Kind::Other(Op::Reduce { kind, lanes }), vec![input.clone()], sizes))
+}
+
+fn softmax(inputs: &[Option<Value>], attributes: &Attributes<'_>) -> Outcome<NodeResult> {
+    let input = needed(inputs, 0)?;
+    let lanes = lanes(&input.sizes, &[axis_of(attributes.int("axis", -1), input.sizes.len())?])?;
+    Ok(NodeResult::Step(Kind::Other(Op::Softmax(lanes)), vec![input.clone()], input.sizes.clone()))
+}
+
+fn shape(inputs: &[Option<Value>], attributes: &Attributes<'_>) -> Outcome<NodeResult> {
+    if attributes.find("start").is_some() || attributes.find("end").is_some() {
+        return wrong("the engine inside knows it without start and end only; ONNX Runtime can run it");
+    }
+    let sizes: Vec<i64> =
+        needed(inputs, 0)?.sizes.iter().map(|s| i64::try_from(*s).unwrap_or(i64::MAX)).collect();
+    Ok(NodeResult::Ready(Value::known(vec![sizes.len()], Data::Whole(sizes))))
+}
+
+fn cast(inputs: &[Option<Value>], attributes: &Attributes<'_>) -> Outcome<NodeResult> {
+    let is_float = match &needed(inputs, 0)?.content {
+        Content::Known(data) => matches!(**data, Data::Floats(_)),
+        Content::Made(_) => true,
+    };
+    if !is_float || attributes.int("to", 0) != i64::from(FLOAT) {
+        return wrong("the engine inside casts from floats to floats only; ONNX Runtime can run it");
+    }
+    seen_as(inputs, needed(inputs, 0)?.sizes.clone())
+}
+
+fn reshape(inputs: &[Option<Value>], attributes: &Attributes<'_>) -> Outcome<NodeResult> {
+    let input = needed(inputs, 0)?;
+    let wanted = needed(inputs, 1)?.whole()?;
+    if wanted.iter().filter(|size| **size == -1).count() > 1 || attributes.int("allowzero", 0) != 0 {
+        return wrong(format!("its sizes are {wanted:?}"));
+    }
+    let mut sizes = Vec::new();
+    for (axis, size) in wanted.iter().enumerate() {
+        sizes.push(match size {
+            0 => *input.sizes.get(axis).ok_or_else(|| bad(format!("its sizes are {wanted:?}")))?,
+            -1 => 1,
+            size => size_of(*size)?,
+        });
+    }
+    if let Some(axis) = wanted.iter().position(|size| *size == -1) {
+        let others = len_of(&sizes).filter(|len| *len > 0);
+        let others = others.ok_or_else(|| bad(format!("its sizes are {wanted:?}")))?;
+        sizes[axis] = input.sizes.iter().product::<usize>() / others;
+    }
+    seen_as(inputs, sizes)
+}
+
+fn flatten(inputs: &[Option<Value>], attributes: &Attributes<'_>) -> Outcome<NodeResult> {
+    let sizes = &needed(inputs, 0)?.sizes;
+    let axis = attributes.int("axis", 1);
+    let axis =
+        if usize::try_from(axis) == Ok(sizes.len()) { sizes.len() } else { axis_of(axis, sizes.len())? };
+    seen_as(inputs, vec![sizes[..axis].iter().product(), sizes[axis..].iter().product()])
+}
+
+fn squeeze(inputs: &[Option<Value>], attributes: &Attributes<'_>) -> Outcome<NodeResult> {
+    let sizes = &needed(inputs, 0)?.sizes;
+    let rank = sizes.len();
+    let dropped = match axes(inputs, attributes)? {
+        Some(axes) => axes.iter().map(|axis| axis_of(*axis, rank)).collect::<Outcome<Vec<_>>>()?,
+        None => (0..rank).filter(|axis| sizes[*axis] == 1).collect(),
+    };
+    seen_as(inputs, (0..rank).filter(|axis| !dropped.contains(axis)).map(|axis| sizes[axis]).collect())
+}
+
+fn unsqueeze(inputs: &[Option<Value>], attributes: &Attributes<'_>) -> Outcome<NodeResult> {
+    let added = axes(inputs, attributes)?.ok_or_else(|| bad("it has no axes"))?;
+    let rank = needed(inputs, 0)?.sizes.len() + added.len();
+    let added = added.iter().map(|axis| axis_of(*axis, rank)).collect::<Outcome<Vec<_>>>()?;
+    let mut old = needed(inputs, 0)?.sizes.iter();
+    let sizes = (0..rank).map(|axis| if added.contains(&axis) { Some(1) } else { old.next().copied() });
+    seen_as(inputs, sizes.collect::<Option<Vec<_>>>().ok_or_else(|| bad("its axes are named twice"))?)
 }
 
 fn needed(inputs: &[Option<Value>], number: usize) -> Outcome<&Value> {
