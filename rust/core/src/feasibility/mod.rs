@@ -18,7 +18,7 @@ use crate::units::Px;
 use nalgebra::Vector3;
 use obstacle::{MARGIN, grid_middle, obstacles};
 
-/// Nearest and farthest distance that is tried, mm: the stripes are blurred before and faint beyond (README, limits).
+/// Nearest and farthest distance that is tried, mm: the stripes are blurred before and faint beyond.
 pub(crate) const DISTANCES_MM: (f64, f64) = (250.0, 3000.0);
 /// The head is made for faces up to this distance, mm: the largest of 1800 x 900 mm fills the picture from 2.45 m on (PHYSICS.md). What
 /// is known in pixels grows with distance, lines that the network cannot tell from an edge above all: UNCERTAINTY.md.
