@@ -2,7 +2,7 @@
 truth, intrinsics error, time.
 
     pip install opencv-python-headless==4.* numpy
-    python tests/opencv/circle_grid_referee.py ../shared/recordings/calibration_set
+    python tests/opencv/circle_grid_referee.py FOLDER
 
 The set needs its truth.json (board poses) and the true calibration.json. OpenCV is given the best terms that it knows:
 findCirclesGrid with CALIB_CB_SYMMETRIC_GRID and CALIB_CB_CLUSTERING, a blob detector with the right size range, the full

@@ -1,4 +1,9 @@
 //! From what all frames show to the calibration: camera from the circles, then stripes, then everything together.
+//!
+//! In order: copies of a frame out, so that only different ones count; a start (`zhang`); centres from rims, anew with each camera; the
+//! lens's terms (`lens`); out with frames whose typical circle is off by `MIN_OUTLIER_PX` and `OUTLIER` times the median frame, and in again
+//! with those that the camera of the others fits; stripes, and which laser's each is (`planes`); all together (`adjust`); what does not fit
+//! (`misfit`), sigmas with what may be wrong without being named (`nuisance`).
 
 use super::adjust::{
     CentreObservation, Fixed, FrameObservations, Information, Loss, Scatter, StripeObservation, adjust,

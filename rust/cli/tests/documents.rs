@@ -7,7 +7,7 @@ use program::{boxline, stdout};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Every page of the repository, with its text; not the made-up one beside the tests of `evaluate`.
+/// Every page of the repository, with its text.
 fn pages() -> Vec<(PathBuf, String)> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let mut folders = vec![root.clone(), root.join(".github")];
@@ -16,7 +16,7 @@ fn pages() -> Vec<(PathBuf, String)> {
         for entry in std::fs::read_dir(&folder).unwrap() {
             let path = entry.unwrap().path();
             let name = path.file_name().unwrap().to_string_lossy().into_owned();
-            if path.is_dir() && !name.starts_with('.') && !["target", "build", "evaluate"].contains(&&*name) {
+            if path.is_dir() && !name.starts_with('.') && !["target", "build"].contains(&&*name) {
                 folders.push(path);
             } else if name.ends_with(".md") {
                 let text = std::fs::read_to_string(&path).unwrap();

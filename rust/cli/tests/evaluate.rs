@@ -29,9 +29,9 @@ fn a_page_of_made_up_rows() {
     assert_eq!(run.status.code(), Some(0), "{}", stderr(&run));
     let written = std::fs::read_to_string(&page).unwrap();
     if std::env::var_os("REGENERATE").is_some() {
-        std::fs::write(made_up("page.md"), &written).unwrap();
+        std::fs::write(made_up("page.expected"), &written).unwrap();
     }
-    assert_eq!(written, std::fs::read_to_string(made_up("page.md")).unwrap());
+    assert_eq!(written, std::fs::read_to_string(made_up("page.expected")).unwrap());
     for picture in ["accuracy-1-box-reliability.svg", "accuracy-1-box-risk.svg"] {
         let svg = std::fs::read_to_string(folder.path().join("docs").join(picture)).unwrap();
         assert!(svg.starts_with("<svg") && written.contains(picture), "{picture}");

@@ -15,23 +15,27 @@ use boxline::Px;
 use nalgebra::Vector3;
 
 /// What lies beyond a stripe's end, as the picture shows it.
+/// Tried in this order: border, occluded, dark, flush, convex and concave, nearer, farther. "Seen" means lit by the laser first of all
+/// surfaces, first of all before the camera, bright enough, and a piece of at least 3 px.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EndClass {
-    /// The stripe bends away from the head: the next face of the box.
+    /// The next surface seen meets the plane at the side, within 5 mm, at a slope, and leaves the line by 3 px away from the head: the next
+    /// face of the box.
     Convex,
-    /// It jumps to something farther, or nothing lit is seen beyond.
+    /// The next surface seen begins 3 mm up at most, or lower, or there is none.
     Farther,
-    /// It jumps to something nearer.
+    /// The next surface seen begins more than 3 mm up.
     Nearer,
-    /// It goes on in the face's plane: a flush neighbour.
+    /// A surface within 3 mm of the plane begins within 5 mm of the side and stays so for 10 mm: a flush neighbour.
     Flush,
-    /// It bends towards the head: floor, wall, a neighbour that stands out.
+    /// As [`Self::Convex`], but towards the head: floor, wall, a neighbour that stands out.
     Concave,
-    /// It cannot be told from its surroundings before it ends.
+    /// The laser is dead, its fan ends before, or the stripe's middle stands out by less than 1.5 sigmas of one pixel's noise (sensor or
+    /// encoding, whichever is more).
     Dark,
-    /// The end, or the first pixels beyond it, are outside the picture.
+    /// The end, or the place 6 px beyond it, is outside the picture.
     Border,
-    /// Something hides the end from the camera or from the laser.
+    /// Something hides the end, or the face just inside it, from the camera or the laser.
     Occluded,
 }
 

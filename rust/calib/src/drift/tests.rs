@@ -179,7 +179,7 @@ fn too_few_faces_are_refused() {
     assert!(error.to_string().contains("2 measured faces, 3 are needed"), "{error}");
 }
 
-/// `cargo test --release -p boxline-calib --lib -- --ignored --nocapture how_often`
+/// `cargo test --release -p boxline-calib --lib -- --ignored --nocapture how_often_a_moved_laser_is_seen`
 #[test]
 #[ignore = "a table for rust/CALIBRATION.md, minutes"]
 fn how_often_a_moved_laser_is_seen() {

@@ -39,7 +39,7 @@ const LEAST_MEAN: f64 = 3.0;
 /// It jumps over so much, px across the stripe, and does not lead back: where it would be at the line is at least this share of it away.
 const LEAST_JUMP_PX: f64 = 8.0;
 const LEADS_BACK: f64 = 0.5;
-/// Less height may be a neighbour's, which hides nothing (`sides.md`, occluders), mm; more is another laser's light behind the face.
+/// Less height may be a neighbour's, which hides nothing, mm; more is another laser's light behind the face.
 const LEAST_HEIGHT_MM: f64 = 60.0;
 const MOST_HEIGHT_MM: f64 = 700.0;
 /// Heights of both stripes that differ by less than this share are one object's.
