@@ -269,6 +269,8 @@ pub struct StripeLight {
     pub missing: f64,
     /// For light that goes on in the face's plane from beyond the line to the picture's border, the greater of both stripes.
     pub to_border: f64,
+    /// For a seam between two boxes and against print, if the light goes on: both stripes step, or they do not.
+    pub step: f64,
 }
 
 /// Finds stripes and edges in a frame, roughly (to about 2 px of a 512 px wide picture).

@@ -87,7 +87,7 @@ fn main() -> Outcome<()> {
     }
     let network = EdgeNet::embedded(&Options::default())?;
     println!(
-        "recording,frame,refuse,side,off_px,mm_per_px,radius_mm,known,strength,told,seen,hidden,not_in_view,measured_off_mm,sigma_mm,beyond_least,beyond_most,missing,to_border,mask_beyond"
+        "recording,frame,refuse,side,off_px,mm_per_px,radius_mm,known,strength,told,seen,hidden,not_in_view,measured_off_mm,sigma_mm,beyond_least,beyond_most,missing,to_border,step,mask_beyond"
     );
     for recordings in arguments {
         for folder in with_truth(&recordings)? {
@@ -171,13 +171,14 @@ fn with_network(network: &EdgeNet, view: &View, calibration: &Calibration) -> Ou
         let [p, q] = strip.light.beyond;
         let strength = strip.values[(boxline::network::STRIP[1] * 2 - 1) * boxline::network::STRIP[2]];
         println!(
-            "{columns},{},{off_px:.2},{:.4},{:.2},{:.4},{strength:.3},{line_log_odds:.4},{seen:.6},{hidden:.4},{not_in_view:.6},{off_mm:.3},{sigma_mm:.3},{p:.2},{q:.2},{:.2},{:.2},{mask_beyond:.4}",
+            "{columns},{},{off_px:.2},{:.4},{:.2},{:.4},{strength:.3},{line_log_odds:.4},{seen:.6},{hidden:.4},{not_in_view:.6},{off_mm:.3},{sigma_mm:.3},{p:.2},{q:.2},{:.2},{:.2},{:.3},{mask_beyond:.4}",
             strip.side,
             truth.mm_per_px,
             truth.radius_mm,
             strip.log_odds,
             strip.light.missing,
             strip.light.to_border,
+            strip.light.step,
         );
     }
     Ok(())

@@ -26,7 +26,7 @@ LEAST_LEFT = 1e-6  # as in outlines.rs
 SAME_SIDE_PX = 10.0  # lines that are taken together, as in outlines.rs
 
 
-COLUMNS = ("off_px", "mm_per_px", "radius_mm", "told", "seen", "known", "hidden", "not_in_view", "measured_off_mm", "beyond_least", "beyond_most", "missing", "to_border", "mask_beyond")
+COLUMNS = ("off_px", "mm_per_px", "radius_mm", "told", "seen", "known", "hidden", "not_in_view", "measured_off_mm", "beyond_least", "beyond_most", "missing", "to_border", "step", "mask_beyond")
 
 
 def read(path: Path, refuse: str = "0") -> dict:
@@ -43,14 +43,14 @@ def features(lines: list[dict]) -> tuple[torch.Tensor, torch.Tensor, np.ndarray]
     off = np.array([l["off_px"] for l in lines])
     radius = np.array([l["radius_mm"] / l["mm_per_px"] for l in lines])
     right = (off >= -(RIGHT_PX + radius)) & (off <= RIGHT_PX)
-    x = np.array([[l["told"], np.log(l["seen"] + LEAST_SEEN), l["beyond_most"] - l["beyond_least"], l["missing"]] for l in lines])
+    x = np.array([[l["told"], np.log(l["seen"] + LEAST_SEEN), l["beyond_most"] - l["beyond_least"], l["missing"], l["step"]] for l in lines])
     return torch.tensor(x), torch.tensor(right), off
 
 
 def fit(sides: dict, used: list[int]) -> torch.Tensor:
     data = [(x, right) for x, right, _ in map(features, sides.values()) if right.any()]
-    weights = torch.zeros(4, dtype=torch.float64, requires_grad=True)
-    mask = torch.zeros(4, dtype=torch.float64)
+    weights = torch.zeros(5, dtype=torch.float64, requires_grad=True)
+    mask = torch.zeros(5, dtype=torch.float64)
     mask[used] = 1
     optimiser = torch.optim.LBFGS([weights], max_iter=60)
 
@@ -85,7 +85,7 @@ def sure(sides: dict, w: torch.Tensor) -> torch.Tensor:
         y.append(float(within(RIGHT_PX * mm_per_px) or near_enough))
     x, y = torch.tensor(np.array(x)), torch.tensor(y, dtype=torch.float64)
     weights = torch.zeros(6, dtype=torch.float64, requires_grad=True)
-    optimiser = torch.optim.LBFGS([weights], max_iter=100)
+    optimiser = torch.optim.LBFGS([weights], max_iter=500, tolerance_change=1e-12, line_search_fn="strong_wolfe")
 
     def closure() -> torch.Tensor:
         optimiser.zero_grad()
@@ -136,7 +136,7 @@ def main() -> None:
     parser.add_argument("--choose", type=Path, required=True)
     options = parser.parse_args()
     learn, choose = read(options.learn), read(options.choose)
-    for name, used in (("lines alone", [0]), ("sides alone", [1]), ("both", [0, 1]), ("both and light", [0, 1, 2, 3])):
+    for name, used in (("lines alone", [0]), ("sides alone", [1]), ("both", [0, 1]), ("both and light", [0, 1, 2, 3]), ("all, and steps", [0, 1, 2, 3, 4])):
         w = fit(learn, used)
         print(f"{name}: weights {[round(float(v), 3) for v in w]}; {json.dumps(score(choose, w))}")
     print(f"sure, both files: {[round(float(v), 3) for v in sure(learn | choose, w)]}")

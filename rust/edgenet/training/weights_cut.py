@@ -57,7 +57,7 @@ def main() -> None:
     options = p.parse_args()
     faces = {side: lines for path in options.whole for side, lines in read(path).items()}
     refuse = {side: lines for path in options.refuse for side, lines in read(path, "face_cut_by_border").items()}
-    weights = fit_lines(faces, [0, 1, 2, 3])
+    weights = fit_lines(faces, [0, 1, 2, 3, 4])
     whole = [side for side in likeliest(faces, weights) if abs(side[1]) <= RIGHT_MM]
     cut = [side for side in likeliest(refuse, weights) if side[1] < -RIGHT_MM and side[2] < -FAR_PX]
     x = np.array([side[3] for side in whole + cut])

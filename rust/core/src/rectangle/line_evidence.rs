@@ -12,6 +12,7 @@ use crate::face::raster::PlaneRaster;
 use crate::image::Frame;
 use crate::network::{Channel, NetworkOutput, StripeLight};
 use crate::scene::lit::LitLines;
+use crate::scene::step;
 use crate::sides::ViewAxes;
 use crate::view::SideOdds;
 
@@ -121,15 +122,16 @@ const CLUE_WEIGHTS: [f64; 11] = [4.60, 1.30, -2.20, 1.48, -0.30, 1.24, 1.47, 1.1
 /// The same without any network, of 2,728 sides of the learning seeds (`training/weights_alone.py`); two clues are a network's.
 const CLUE_WEIGHTS_ALONE: [f64; 11] = [5.06, 0.0, -0.83, 0.94, -0.30, 0.49, 0.64, -0.44, -2.56, 2.19, 0.0];
 
-/// Weights of the networks of lines and of sides and of the stripes' light, fitted together by maximum likelihood to the sides of rendered
+/// Weights of the networks of lines and of sides and of the stripes' light and steps, fitted together by maximum likelihood to the sides of rendered
 /// boxes of the learning seeds (`training/weights.py`); that of the network of sides is of the probability of a place and a little, so
 /// that it never rules one out. Light that goes on beyond a line on both stripes says nothing: the networks tell a flush neighbour from
 /// print.
-const LINE_NETWORK_WEIGHT: f64 = 0.71;
-const SIDES_NETWORK_WEIGHT: f64 = 1.22;
+const LINE_NETWORK_WEIGHT: f64 = 0.723;
+const SIDES_NETWORK_WEIGHT: f64 = 1.319;
 const LEAST_SEEN: f64 = 1e-3;
-const LIGHT_ON_ONE: f64 = -0.038;
-const LIGHT_MISSING: f64 = -0.335;
+const LIGHT_ON_ONE: f64 = -0.043;
+const LIGHT_MISSING: f64 = -0.312;
+const SURFACE_STEPS: f64 = 0.452;
 /// Places that it gives this probability are looked at as well, however weak their edge is, and if no edge of the picture is within so
 /// many px (some of its bins): what is no candidate cannot make another less sure.
 const LIKELY_PLACE: f64 = 0.03;
@@ -249,7 +251,10 @@ impl Evidence<'_> {
             found.iter().zip(&known).filter(|(_, clues)| clues.log_odds(weights) > best - MOST_BEHIND_BEST);
         let lines = likely.map(|(e, known)| {
             let (stop, seen) = self.corners(side, offsets_mm, e.offset_mm);
-            let stripes_light = self.lit.at(self.calibration, self.raster, side, e.offset_mm);
+            let stripes_light = StripeLight {
+                step: step::log_odds(self.calibration, self.wide, self.raster, side, e.offset_mm),
+                ..self.lit.at(self.calibration, self.raster, side, e.offset_mm)
+            };
             let clues = Clues { corners_stop: stop, corners_seen: seen, ..*known };
             let bin = self.seen.map(|(axes, _)| axes.bin(side, e.offset_mm));
             let mut log_odds = clues.log_odds(weights);
@@ -275,7 +280,9 @@ impl Evidence<'_> {
             }
             let seen = self.seen.zip(bin).map(|((_, odds), bin)| odds.at(side, bin));
             let [least, most] = stripes_light.beyond;
-            let light = LIGHT_ON_ONE * (most - least) + LIGHT_MISSING * stripes_light.missing;
+            let light = LIGHT_ON_ONE * (most - least)
+                + LIGHT_MISSING * stripes_light.missing
+                + SURFACE_STEPS * stripes_light.step;
             Some(Line {
                 offset_mm: e.offset_mm,
                 log_odds,

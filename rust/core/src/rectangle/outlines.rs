@@ -36,7 +36,10 @@ const SAME_SIDE_PX: f64 = 10.0;
 /// face, mm, of what the stripes' light says, and of the logarithm of what all of it together leaves for other lines. Each judge is too
 /// sure of itself where it errs, and lines so many px apart are farther apart on a far face; fitted to 6,408 sides of rendered boxes of
 /// the learning and the choosing seeds, right where the measured side is within 5 mm (`training/weights.py`).
-const SURE: [f64; 6] = [0.16, 0.28, 0.60, -1.49, 0.60, -0.33];
+const SURE: [f64; 6] = [-0.54, 0.19, 0.73, -1.72, 0.63, -0.52];
+/// A side on which all evidence but the network of sides favours another line is no surer than this: 16 of 16 that the network saw at 0.9
+/// or more are right, of which no more than (16 + 1) / (16 + 2) is learned (Laplace's rule of succession).
+const SURE_AGAINST_OTHERS: f64 = 17.0 / 18.0;
 /// The same without a network: one judge (`training/weights_alone.py`, the learning and the choosing seeds).
 const SURE_ALONE: [f64; 6] = [0.33, 0.99, 0.0, -0.92, 0.57, 0.04];
 /// What is left for other lines counts from this on: no model is surer.
@@ -160,7 +163,8 @@ fn surely((share, seen): (f64, Option<f64>), mm_per_px: f64, light: f64, left: f
         by_share * odds(share, MOST_ODDS[0]) + seen.map_or(0.0, |seen| by_seen * odds(seen, MOST_ODDS[1]));
     let logit =
         constant + judged + by_size * mm_per_px.ln() + by_light * light + by_left * left.max(LEAST_LEFT).ln();
-    1.0 / (1.0 + (-logit).exp())
+    let most = if seen.is_some() && share < 0.5 { SURE_AGAINST_OTHERS } else { 1.0 };
+    (1.0 / (1.0 + (-logit).exp())).min(most)
 }
 
 #[cfg(test)]

@@ -70,7 +70,7 @@ impl LitLines {
         })
     }
 
-    /// What the light of both stripes that cross a line says of it.
+    /// What the light of both stripes that cross a line says of it, but for a step.
     pub fn at(
         &self,
         calibration: &Calibration,
@@ -91,7 +91,12 @@ impl LitLines {
         let of_crossing =
             |crossing: Option<Crossing<'_>>| crossing.map_or([0.0, 0.0, -MOST_LOG_ODDS], of_stripe);
         let [[p, no_p, border_p], [q, no_q, border_q]] = crossings.map(of_crossing);
-        StripeLight { beyond: [p.min(q), p.max(q)], missing: no_p + no_q, to_border: border_p.max(border_q) }
+        StripeLight {
+            beyond: [p.min(q), p.max(q)],
+            missing: no_p + no_q,
+            to_border: border_p.max(border_q),
+            step: 0.0,
+        }
     }
 
     /// What the light says of each side of a face that was measured along an outline, going round as its corners do.

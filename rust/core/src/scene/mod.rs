@@ -6,3 +6,4 @@ pub(crate) mod drawn;
 pub(crate) mod hidden;
 mod in_front;
 pub(crate) mod lit;
+pub(crate) mod step;
