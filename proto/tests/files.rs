@@ -306,6 +306,7 @@ fn numbers_that_no_head_has_are_refused() {
     };
     let planes = parsed("calibration_set/calibration.json")["laser_planes"].clone();
     let cases = [
+        ("/camera/skew", json!(100), "camera.skew is 100 px, -24.6 to 24.6 px"),
         ("/camera/cx", json!(99_999), "camera.cx is 99999 px, -1296 to 3888 px"),
         ("/camera/cy", json!(-99_999), "camera.cy is -99999 px, -972 to 2916 px"),
         ("/laser_planes", json!([planes[0], planes[0], planes[2], planes[3]]), "planes 1 and 2 are the same"),

@@ -5,6 +5,7 @@ use super::syntax::{Object, field_error, read, text};
 use boxline::{Error, ErrorKind};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
+use std::collections::HashSet;
 use std::path::{Component, Path, PathBuf};
 
 const FORMAT: &str = "boxline-recording/1";
@@ -120,8 +121,9 @@ pub fn parse_recording(bytes: &[u8], name: &str, folder: &Path) -> Result<Record
     };
     let calibration_file = resolved(&calibration, "calibration")?;
     let mut frames: Vec<RecordedFrame> = Vec::new();
+    let mut ids = HashSet::new();
     for (i, Object(Frame { id, file, role, laser })) in listed.into_iter().enumerate() {
-        if frames.iter().any(|f| f.id == id) {
+        if !ids.insert(id.clone()) {
             return Err(field_error(kind, name, &format!("frames[{i}].id"), "another frame has the same id"));
         }
         let file = resolved(&file, &format!("frames[{i}].file"))?;

@@ -149,7 +149,10 @@ fn read_opencv(path: &Path, width: u32, height: u32) -> Result<OpenCvCamera, Err
     let io =
         |e: std::io::Error| Error::new(ErrorKind::Io, format!("{name}: cannot read: {e}")).with_source(e);
     let mut bytes = Vec::new();
-    open_plain_file(path).map_err(io)?.take(MAX_BYTES).read_to_end(&mut bytes).map_err(io)?;
+    open_plain_file(path).map_err(io)?.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(io)?;
+    if bytes.len() as u64 > MAX_BYTES {
+        return Err(invalid(format!("{name}: larger than {MAX_BYTES} bytes, the most that is allowed")));
+    }
     let value = parse_json(&bytes, &name, ErrorKind::InvalidFile)?;
     camera_of(&value, width, height).map_err(|e| e.in_context(&name))
 }

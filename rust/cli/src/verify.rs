@@ -53,7 +53,8 @@ pub fn verify(args: &VerifyArgs) -> anyhow::Result<Finished> {
             .map(|frame| read_recorded(&recording, frame, true))
             .collect::<Result<Vec<_>, _>>()?;
         let frames: Vec<&Frame> = frames.iter().collect();
-        let report = measure_box(&frames, &calibration, &settings)?;
+        let named = |e: Error| e.in_context(recording.folder.display());
+        let report = measure_box(&frames, &calibration, &settings).map_err(named)?;
         match &report.outcome {
             Outcome::Measured(found) => sides.extend([found.length, found.width, found.height]),
             Outcome::Ambiguous(both) => sides.extend(both.iter().flat_map(|b| [b.length, b.width, b.height])),
@@ -68,13 +69,15 @@ pub fn verify(args: &VerifyArgs) -> anyhow::Result<Finished> {
         }
         for recorded in faces {
             let frame = read_recorded(&recording, recorded, true)?;
-            match measure_face(&frame, &calibration, &settings)?.outcome {
+            let named = |e: Error| e.in_context(recorded.file.display());
+            match measure_face(&frame, &calibration, &settings).map_err(named)?.outcome {
                 FaceOutcome::Measured(face) => sides.extend([face.length, face.width]),
                 FaceOutcome::Rejected(reject) => why = reject.to_string(),
             }
         }
     }
     let off = |e: &Estimate| (e.value_mm - args.length).abs();
+    let sides_mm: Vec<f64> = sides.iter().map(|side| side.value_mm).collect();
     let Some(side) = sides.into_iter().min_by(|a, b| off(a).total_cmp(&off(b))) else {
         let stdout = if args.json {
             json!({"outcome": "rejected", "reject": {"reason": "not_measured", "text": why}}).to_string()
@@ -92,15 +95,18 @@ pub fn verify(args: &VerifyArgs) -> anyhow::Result<Finished> {
     let error_mm = side.value_mm - args.length;
     let verdict = if error_mm.abs() <= LIMIT_SIGMAS * sigma_mm { "in" } else { "out" };
     let stdout = if args.json {
-        json!({"outcome": verdict, "measured_mm": side.value_mm, "known_mm": args.length, "error_mm": error_mm,
+        json!({"outcome": verdict, "measured_mm": side.value_mm, "known_mm": args.length, "error_mm": error_mm, "sides_mm": sides_mm,
                "sigma_mm": sigma_mm, "calibration_sigma_mm": own, "limit_sigmas": LIMIT_SIGMAS})
         .to_string()
     } else {
+        let all: Vec<String> = sides_mm.iter().map(|mm| format!("{mm:.1}")).collect();
         format!(
-            "{verdict}: measured {:.2} ± {sigma_mm:.2} mm, known {:.2} mm: off by {error_mm:+.2} mm, {:.2} mm ({LIMIT_SIGMAS} sigmas) are allowed{}",
+            "{verdict}: measured {:.2} ± {sigma_mm:.2} mm, known {:.2} mm: off by {error_mm:+.2} mm, {:.2} mm ({LIMIT_SIGMAS} sigmas) are allowed\n\
+             (the nearest of the sides {} mm: is it the one that is known?){}",
             side.value_mm,
             args.length,
             LIMIT_SIGMAS * sigma_mm,
+            all.join(", "),
             if own.is_none() {
                 "\n(the calibration has no covariance: its own share of ± is not counted)"
             } else {

@@ -309,6 +309,29 @@ fn broken_frames() {
     broken_frame(&whole[..200], "invalid_frame");
 }
 
+/// Which would be a box of two equal faces, measured to a smaller sigma than one of them.
+#[test]
+fn one_picture_is_not_two_faces() {
+    let folder = tempfile::tempdir().unwrap();
+    let (a, b, calibration) = (data("b01/a.jpg"), data("b01/b.jpg"), calibration());
+    let copy = folder.path().join("copy.jpg");
+    std::fs::copy(&a, &copy).unwrap();
+    for frames in [vec![&a, &a], vec![&a, &copy], vec![&a, &b, &copy]] {
+        let mut words = vec!["measure"];
+        words.extend(frames.iter().map(|frame| text(frame)));
+        words.extend(["--calibration", text(&calibration)]);
+        let said = fails(&words, "invalid_frame");
+        assert!(said.contains("is the same picture as the"), "{said}");
+    }
+}
+
+#[test]
+fn a_network_is_a_plain_file() {
+    let b02 = data("b02");
+    let said = fails(&["measure", text(&b02), "--model", "/dev/zero"], "io");
+    assert!(said.contains("not a plain file"), "{said}");
+}
+
 #[test]
 fn a_frame_of_another_size() {
     let folder = tempfile::tempdir().unwrap();

@@ -143,6 +143,7 @@ fn senseless_command_lines() {
         (vec!["evaluate", "--report", "page.md"], "--csv"),
         (vec!["evaluate", "--report", "page.html", "--csv", &rows], "page.html"),
         (vec!["evaluate", "--report", "page.md", "--csv", &rows], "no such file"),
+        (vec!["evaluate", "--report", "page.md", "--csv", "page.md"], "would overwrite an input"),
         (vec!["evaluate", text(&b02), "--csv", &rows, "--method", "both"], "--method"),
         (vec!["evaluate", text(&b02), "--csv", &rows, "--csv", "b.csv"], "one --csv"),
         (vec!["evaluate", text(&b02), text(&b02), "--csv", &rows], "data/b02"),

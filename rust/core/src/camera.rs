@@ -42,6 +42,9 @@ pub struct CameraModel {
     pub k3: f64,
 }
 
+/// Largest skew of a camera, of its focal length: rad.
+const MOST_SKEW: f64 = 0.01;
+
 /// Newton steps of [`CameraModel::px_from_ray`]; it converges quadratically, 2 to 4 are used.
 const MAX_STEPS: usize = 30;
 /// Least slope of ideal over distorted: below, the polynomial turns back.
@@ -183,6 +186,14 @@ impl CameraModel {
                 )));
             }
         }
+        // Rows and columns of a sensor are square to far less.
+        let most_px = MOST_SKEW * self.fx;
+        if self.skew.abs() > most_px {
+            return Err(invalid(format!(
+                "camera.skew is {} px, {:.1} to {most_px:.1} px are allowed for this focal length",
+                self.skew, -most_px
+            )));
+        }
         // A frame cut out of a larger one may have its centre outside, but no picture is far from its lens's axis.
         for (name, value, side_px) in [("cx", self.cx, width_px), ("cy", self.cy, height_px)] {
             let side_px = f64::from(side_px);
@@ -240,7 +251,14 @@ impl CameraModel {
             if back.is_some_and(|back| back.distance_px(px) < INVERSE_PX) {
                 continue;
             }
-            let named = [("k1", self.k1), ("k2", self.k2), ("p1", self.p1), ("p2", self.p2), ("k3", self.k3)];
+            let named = [
+                ("skew", self.skew),
+                ("k1", self.k1),
+                ("k2", self.k2),
+                ("p1", self.p1),
+                ("p2", self.p2),
+                ("k3", self.k3),
+            ];
             let terms = named.iter().filter(|(_, term)| *term != 0.0);
             let terms: Vec<String> = terms.map(|(name, term)| format!("camera.{name} is {term:?}")).collect();
             return Err(Error::new(

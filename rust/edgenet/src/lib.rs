@@ -21,6 +21,7 @@ use boxline::network::{CHANNELS, EdgeMapNetwork, FaceMaps, LineStrip, Network, S
 use boxline::view::{FaceView, Orientation, SideOdds, VIEW};
 use boxline::{Error, ErrorKind, Frame};
 use rayon::prelude::*;
+use std::io::Read;
 use std::num::NonZeroUsize;
 use std::path::Path;
 
@@ -57,8 +58,22 @@ fn probabilities(engine: &Engine, frame: &Frame) -> Result<(Vec<f32>, [usize; 2]
     Ok((values, [columns, rows]))
 }
 
+/// Networks have some MB, the paper's 60.
+const MOST_BYTES: u64 = 256 << 20;
+
 fn read(path: &Path) -> Result<Vec<u8>, Error> {
-    std::fs::read(path).map_err(|e| Error::new(ErrorKind::Io, format!("cannot read: {e}")).with_source(e))
+    let io = |e: std::io::Error| Error::new(ErrorKind::Io, format!("cannot read: {e}")).with_source(e);
+    // Opening a pipe waits, reading a device may never end.
+    if !std::fs::metadata(path).map_err(io)?.is_file() {
+        return Err(Error::new(ErrorKind::Io, "cannot read: it is not a plain file"));
+    }
+    let mut bytes = Vec::new();
+    std::fs::File::open(path).map_err(io)?.take(MOST_BYTES + 1).read_to_end(&mut bytes).map_err(io)?;
+    if bytes.len() as u64 > MOST_BYTES {
+        let text = format!("larger than {MOST_BYTES} bytes, the most that is allowed");
+        return Err(Error::new(ErrorKind::ModelFile, text));
+    }
+    Ok(bytes)
 }
 
 /// A network of either kind.

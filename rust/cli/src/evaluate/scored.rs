@@ -12,6 +12,7 @@ use super::{simulated, stock};
 use crate::Finished;
 use crate::args::EvaluateArgs;
 use crate::input::{Usage, fingerprint, this_program};
+use crate::output::check_places;
 use crate::overlay::{self, Headline, View};
 use anyhow::Context;
 use boxline::{Calibration, Method, Px};
@@ -114,7 +115,8 @@ fn check_outputs(args: &EvaluateArgs) -> anyhow::Result<()> {
         Some(page) if page.extension().is_none_or(|e| e != "md") => {
             Err(Usage(format!("{}: the page is an .md", page.display())).into())
         }
-        _ => Ok(()),
+        Some(page) => Ok(check_places(&[page], args.csv.iter().map(PathBuf::as_path))?),
+        None => Ok(()),
     }
 }
 

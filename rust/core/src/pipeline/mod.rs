@@ -26,11 +26,13 @@ pub use track::{FollowedFace, LiveFace, Tracker};
 /// Frames that make a box: two adjacent faces, or three.
 const FRAMES: RangeInclusive<usize> = 2..=3;
 
+const NAMES: [&str; 3] = ["first frame", "second frame", "third frame"];
+
 /// Measures a box from frames of two or three adjacent faces. With three every side is seen twice: what one frame leaves open the others
 /// tell, a wrong side shows, and an A x A x B box is never ambiguous. A third frame that cannot be measured does no harm.
 ///
 /// # Errors
-/// As [`measure_face`], for any of the frames; [`ErrorKind::InvalidFrame`] if there are not two or three.
+/// As [`measure_face`], for any of the frames; [`ErrorKind::InvalidFrame`] if there are not two or three, or one is given twice.
 pub fn measure_box(
     frames: &[&Frame],
     calibration: &Calibration,
@@ -39,6 +41,14 @@ pub fn measure_box(
     if !FRAMES.contains(&frames.len()) {
         let text = format!("{} frames, a box takes two or three", frames.len());
         return Err(Error::new(ErrorKind::InvalidFrame, text));
+    }
+    // Noise makes any two pictures differ; one picture twice would be a box of two equal faces.
+    for (i, frame) in frames.iter().enumerate() {
+        if let Some(j) = frames[..i].iter().position(|other| other.rgb() == frame.rgb()) {
+            let text =
+                format!("{}: is the same picture as the {}, each is of another face", NAMES[i], NAMES[j]);
+            return Err(Error::new(ErrorKind::InvalidFrame, text));
+        }
     }
     let results = see_faces(frames, calibration, settings)?;
     let mut report = put_together(frames, &results, calibration, settings);
@@ -56,7 +66,6 @@ fn see_faces(
     calibration: &Calibration,
     settings: &Settings,
 ) -> Result<Vec<FrameResult>, Error> {
-    const NAMES: [&str; 3] = ["first frame", "second frame", "third frame"];
     let see = |i: usize| see_face(frames[i], calibration, settings).map_err(|e| e.in_context(NAMES[i]));
     let Some(workers) = settings.workers else {
         return (0..frames.len()).map(see).collect();
@@ -110,7 +119,9 @@ fn put_together(
         return BoxReport { confidence: Some(confidence), ..agreed.report(faces) };
     }
     let faces: Vec<FaceOutcome> = results.iter().map(FrameResult::outcome).collect();
-    let reject = too_few(&faces).unwrap_or_else(|| unsure(confidence, settings, least_overlap(results)));
+    // What is not sure of one face alone may be surer, or less, of the box.
+    let of_frame = too_few(&faces).filter(|reject| !matches!(reject, Reject::OutlineUnsure { .. }));
+    let reject = of_frame.unwrap_or_else(|| unsure(confidence, settings, least_overlap(results)));
     BoxReport { likeliest, ..Assembled::rejected(reject).report(faces) }
 }
 
