@@ -63,10 +63,6 @@ internal object Native {
 
     @JvmStatic external fun stopStream(head: Long)
 
-    @JvmStatic external fun lasers(head: Long): Int
-
-    @JvmStatic external fun setLasers(head: Long, bits: Int)
-
     @JvmStatic external fun liveView(head: Long, calibration: Long, after: Long, stop: Long): ByteArray
 
     @JvmStatic external fun captureFrame(head: Long, stop: Long): Long
