@@ -27,9 +27,10 @@ import java.nio.ByteBuffer
  * Measures boxes: from pictures, from a recording, or live with a head.
  *
  * All functions may be called from any thread, the main thread too: they do not block it, but for those that say so and the first that
- * opens a meter in a process: it loads the network. Native work runs on two threads of this object's own, one for measurements, one for what the head sees; several calls at once wait for each other. Cancelling a coroutine
- * ends its native work within some hundred milliseconds. After [close] every function but [close] throws [IllegalStateException], and
- * so do those that wait; the same after a [NativeBugException], which closes the meter.
+ * opens a meter in a process, which loads the network. Native work runs on two threads of this object's own, one for measurements, one
+ * for what the head sees; several calls at once wait for each other. Cancelling a coroutine ends its native work within some hundred
+ * milliseconds. After [close] every function but [close] throws [IllegalStateException], and so do those that wait; the same after a
+ * [NativeBugException], which closes the meter.
  *
  * Open one with [open], [openRecording] or, on Android, `BoxMeter.open(context)` of the package `dev.boxline.usb`.
  */
@@ -146,7 +147,7 @@ public class BoxMeter private constructor(
         }
     } catch (e: DeviceException) {
         unavailable(e)
-        FaceResult.DeviceUnavailable(e.reason, e.message.orEmpty())
+        FaceResult.DeviceUnavailable(e.deviceCause, e.message.orEmpty())
     }
 
     /**
@@ -178,7 +179,7 @@ public class BoxMeter private constructor(
         val connection = end.connection
         return when {
             end.captured >= wanted -> measure()
-            connection is Connection.Unavailable -> MeasureResult.DeviceUnavailable(connection.cause, connection.message)
+            connection is Connection.Unavailable -> MeasureResult.DeviceUnavailable(connection.deviceCause, connection.message)
             else -> throw notLive()
         }
     }
@@ -322,7 +323,7 @@ public class BoxMeter private constructor(
     }
 
     private fun unavailable(e: DeviceException) {
-        show { it.copy(connection = Connection.Unavailable(e.reason, e.message.orEmpty()), view = null) }
+        show { it.copy(connection = Connection.Unavailable(e.deviceCause, e.message.orEmpty()), view = null) }
     }
 
     /** A closed meter stays closed, whatever comes late. */
@@ -347,7 +348,7 @@ public class BoxMeter private constructor(
         guarded(body)
     } catch (e: DeviceException) {
         unavailable(e)
-        MeasureResult.DeviceUnavailable(e.reason, e.message.orEmpty())
+        MeasureResult.DeviceUnavailable(e.deviceCause, e.message.orEmpty())
     }
 
     private suspend fun <T> guarded(body: suspend () -> T): T {
@@ -406,7 +407,7 @@ public class BoxMeter private constructor(
          * A meter with a head, from the file descriptor of an open USB device, such as `UsbDeviceConnection` has. The descriptor is
          * duplicated. [onClosed] runs after the head has been let go, on a thread of the meter: close the connection there. It also
          * runs if opening fails, whatever the failure. Blocks for up to some seconds while the head is asked for its calibration, unless
-         * [calibrationJson] has it.
+         * [calibrationJson] has it; one of another head is told by [measureLive] and [captureFace].
          *
          * @throws DeviceException if the head fails
          * @throws ScannerConfigException if the head has no calibration, or it is broken or of another head, or the network does not load

@@ -22,7 +22,7 @@ public sealed interface Connection {
     public data class Live(public val serial: String) : Connection
 
     /** The head is gone or failed. Close this meter and open a new one when the head is back. */
-    public data class Unavailable(public val cause: DeviceCause, public val message: String) : Connection
+    public data class Unavailable(public val deviceCause: DeviceCause, public val message: String) : Connection
 
     /** This meter is closed; its state does not change any more. */
     public data object Closed : Connection

@@ -117,10 +117,10 @@ class HeadTest {
             val capture = async2 { meter.captureFace() }
             FakeHead.pull(2)
             val end = capture.await()
-            assertTrue("$end", end is FaceResult.Captured || (end as FaceResult.DeviceUnavailable).cause == DeviceCause.LOST)
+            assertTrue("$end", end is FaceResult.Captured || (end as FaceResult.DeviceUnavailable).deviceCause == DeviceCause.LOST)
             val state = meter.state.first { it.connection is Connection.Unavailable }.connection as Connection.Unavailable
-            assertEquals(DeviceCause.LOST, state.cause)
-            assertEquals(DeviceCause.LOST, (meter.measureLive() as MeasureResult.DeviceUnavailable).cause)
+            assertEquals(DeviceCause.LOST, state.deviceCause)
+            assertEquals(DeviceCause.LOST, (meter.measureLive() as MeasureResult.DeviceUnavailable).deviceCause)
         }
         eventually("the connection is closed") { closed.get() == 1 }
         open().use { meter ->
@@ -177,7 +177,7 @@ class HeadTest {
             meter.state.first { it.view is FaceView.Unmeasurable }
             FakeHead.show(FakeHead.TORN)
             val end = meter.measureLive() as MeasureResult.DeviceUnavailable
-            assertEquals(DeviceCause.PROTOCOL, end.cause)
+            assertEquals(DeviceCause.PROTOCOL, end.deviceCause)
             assertTrue(end.message, end.message.startsWith("no frame is whole: "))
         }
     }
@@ -207,6 +207,8 @@ class HeadTest {
             meter.startLive(autoCapture = true)
             assertTrue(meter.measureLive() is MeasureResult.Measured)
             assertEquals(3, meter.state.value.captured)
+            BoxMeterFutures(meter).stopLive().get()
+            assertEquals(0, FakeHead.lasers())
         }
     }
 

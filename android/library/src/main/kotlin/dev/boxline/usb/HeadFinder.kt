@@ -82,7 +82,7 @@ public class HeadFinder(context: Context) {
             }
         }
         // Of a head and a webcam the head's failure is the one to tell.
-        throw failures.find { it.reason != DeviceCause.NOT_A_HEAD } ?: failures.first()
+        throw failures.find { it.deviceCause != DeviceCause.NOT_A_HEAD } ?: failures.first()
     }
 
     private suspend fun open(manager: UsbManager, camera: UsbDevice, calibrationJson: ByteArray?): BoxMeter {
