@@ -7,11 +7,10 @@ import dev.boxline.testing.Recordings
 import dev.boxline.testing.eventually
 import dev.boxline.testing.nothingIsLeftOpen
 import kotlinx.coroutines.CoroutineScope
-import kotlinx.coroutines.CoroutineStart
 import kotlinx.coroutines.Deferred
 import kotlinx.coroutines.Dispatchers
 import kotlinx.coroutines.async
-import kotlinx.coroutines.cancelAndJoin
+import kotlinx.coroutines.cancel
 import kotlinx.coroutines.flow.first
 import kotlinx.coroutines.launch
 import kotlinx.coroutines.runBlocking
@@ -215,11 +214,10 @@ class HeadTest {
     @Test
     fun `who cancels opening leaves nothing open`(): Unit = limited {
         var meter: BoxMeter? = null
-        // Undispatched: it waits for another thread before it is cancelled on this one.
-        val opening = launch(start = CoroutineStart.UNDISPATCHED) {
+        launch {
+            cancel()
             meter = openHeadUnlessCancelled(FakeHead.plug(0), null) { closed.incrementAndGet() }
-        }
-        opening.cancelAndJoin()
+        }.join()
         assertEquals(null, meter)
         eventually("the connection is closed") { closed.get() == 1 }
     }
