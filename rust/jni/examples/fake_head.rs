@@ -22,9 +22,10 @@ use std::time::Duration;
 use usbfs::{Plan, Plugged, UrbFault, plug};
 
 static PLUGGED: Mutex<Option<Plugged>> = Mutex::new(None);
-/// Which lit frame of the recording the head sees; below 0 nothing that lasers light.
+/// Which lit frame of the recording the head sees; below 0 nothing that lasers light, `TORN` frames of which half is missing.
 static VIEW: AtomicI32 = AtomicI32::new(0);
 
+const TORN: c_int = -2;
 const EMPTY_STORE: c_int = 1;
 const OTHER_SERIAL: c_int = 2;
 
@@ -44,12 +45,17 @@ pub extern "C" fn Java_dev_boxline_testing_FakeHead_plug(
         chosen.map(|frame| Arc::from(std::fs::read(&frame.file).unwrap())).collect::<Vec<Arc<[u8]>>>()
     };
     let (lit, dark) = (read(Laser::On), read(Laser::Off));
+    // With the end of a JPEG, without which it would not leave the driver.
+    let torn: Arc<[u8]> = [&lit[0][..lit[0].len() / 2], &[0xFF, 0xD9]].concat().into();
     let source = move |shot: FrameRequest| {
         // A sensor's pace; the bus inside this process has none.
         std::thread::sleep(Duration::from_millis(30));
-        let view = usize::try_from(VIEW.load(Ordering::SeqCst)).ok();
+        let view = VIEW.load(Ordering::SeqCst);
+        if view == TORN {
+            return Some(torn.clone());
+        }
         let frames = if shot.lasers == Lasers::ALL { &lit } else { &dark };
-        Some(view.map_or(&dark[0], |view| &frames[view % frames.len()]).clone())
+        Some(usize::try_from(view).map_or(&dark[0], |view| &frames[view % frames.len()]).clone())
     };
     let serial =
         if how & OTHER_SERIAL != 0 { "OTHER-0001".to_owned() } else { calibration.serial().to_owned() };

@@ -291,23 +291,6 @@ pub extern "system" fn stop_stream<'local>(env: EnvUnowned<'local>, _class: JCla
     })
 }
 
-/// `static native int lasers(long head)`: bit n: laser n + 1 is on.
-#[jni_mangle("dev.boxline.internal.Native")]
-pub extern "system" fn lasers<'local>(env: EnvUnowned<'local>, _class: JClass<'local>, head: jlong) -> jint {
-    guard(env, |_| HEADS.get(head)?.lasers())
-}
-
-/// `static native void setLasers(long head, int bits)`: bit n: laser n + 1. They go out by themselves 2 s after frames stop.
-#[jni_mangle("dev.boxline.internal.Native")]
-pub extern "system" fn set_lasers<'local>(
-    env: EnvUnowned<'local>,
-    _class: JClass<'local>,
-    head: jlong,
-    bits: jint,
-) {
-    guard(env, |_| HEADS.get(head)?.set_lasers(bits))
-}
-
 /// `static native byte[] liveView(long head, long calibration, long after, long stop)`: waits for a lit frame later than
 /// number `after` and looks whether its face can be measured, or where that of an earlier frame is now. Gives the bytes of a `boxline.v1.LiveView`.
 #[jni_mangle("dev.boxline.internal.Native")]

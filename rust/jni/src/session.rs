@@ -147,17 +147,6 @@ impl Head {
         }
     }
 
-    /// Switches the lasers: bit n is laser n + 1.
-    pub fn set_lasers(&self, bits: i32) -> Result<(), Failure> {
-        let bits = u8::try_from(bits).map_err(|e| Failure::Argument(format!("lasers {bits}: {e}")))?;
-        Ok(self.device.set_lasers(Lasers::from_bits(bits)?)?)
-    }
-
-    /// Which lasers are on; bit n is laser n + 1.
-    pub fn lasers(&self) -> Result<i32, Failure> {
-        Ok(i32::from(head::lasers(&self.device)?.bits()))
-    }
-
     /// Where the preview goes; `None` ends it.
     #[cfg(target_os = "android")]
     pub fn set_window(&self, window: Option<crate::window::Window>) {

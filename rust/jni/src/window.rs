@@ -13,8 +13,8 @@ pub(crate) struct Window(NativeWindow);
 impl Window {
     /// The window behind a `android.view.Surface`; none if the surface is gone already.
     pub fn of_surface(env: &Env<'_>, surface: &JObject<'_>) -> Option<Self> {
-        // SAFETY: the environment is that of the running call and `surface` a live local reference of it. Both crates
-        // declare the same C types of jni.h.
+        // SAFETY: the environment is that of the running call and `surface` a live local reference of it, to an
+        // android.view.Surface: `BoxMeter.showPreview` lets nothing else through. Both crates declare the same C types of jni.h.
         unsafe { NativeWindow::from_surface(env.get_raw().cast(), surface.as_raw().cast()) }.map(Self)
     }
 

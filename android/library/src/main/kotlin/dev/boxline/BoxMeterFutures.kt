@@ -9,8 +9,12 @@ import java.nio.ByteBuffer
 import java.util.concurrent.CompletableFuture
 
 /**
- * The same as [BoxMeter] for callers without coroutines, Java among them. Cancelling a future ends its native work. Futures complete
- * on a thread of the library; closing this closes the meter.
+ * The functions of [BoxMeter] that wait, for callers without coroutines, Java among them. Cancelling a future ends its native work.
+ * Futures complete on a thread of the library; closing this closes the meter.
+ *
+ * All else is called on the meter itself: `startLive`, `dropCaptured`, `capturedJpeg`, `showPreview`. There is no listener: the newest
+ * state is `getState().getValue()`. There is no opener that asks the user for a head either: ask with Android's `UsbManager`, then
+ * [BoxMeter.openHead] on a thread that may block.
  */
 public class BoxMeterFutures(private val meter: BoxMeter) : AutoCloseable {
     private val scope = CoroutineScope(SupervisorJob() + Dispatchers.Default)
@@ -28,6 +32,12 @@ public class BoxMeterFutures(private val meter: BoxMeter) : AutoCloseable {
 
     /** As [BoxMeter.view]. */
     public fun view(frame: ByteBuffer): CompletableFuture<FaceView> = scope.future { meter.view(frame) }
+
+    /** As [BoxMeter.stopLive]. */
+    public fun stopLive(): CompletableFuture<Void?> = scope.future {
+        meter.stopLive()
+        null
+    }
 
     /** As [BoxMeter.captureFace]. */
     public fun captureFace(): CompletableFuture<FaceResult> = scope.future { meter.captureFace() }

@@ -26,12 +26,12 @@ public class NativeBugException(message: String) : RuntimeException(message) {
 /** The head failed while it was being opened. Later failures are results: [MeasureResult.DeviceUnavailable]. */
 public class DeviceException(
     /** Why. */
-    public val reason: DeviceCause,
+    public val deviceCause: DeviceCause,
     message: String,
 ) : RuntimeException(message) {
     /** For the native library; an unknown name is a failure of the USB layer. */
-    internal constructor(reason: String, message: String) :
-        this(DeviceCause.entries.find { it.name == reason } ?: DeviceCause.USB, message)
+    internal constructor(deviceCause: String, message: String) :
+        this(DeviceCause.entries.find { it.name == deviceCause } ?: DeviceCause.USB, message)
 
     private companion object {
         private const val serialVersionUID: Long = 1

@@ -18,7 +18,7 @@ public class Reason internal constructor(
 
     override fun toString(): String = "$name: $text" + if (moves.isEmpty()) "" else "; $movesText"
 
-    /** See `rust/ARCHITECTURE.md`, "What refuses where". */
+    /** What the view or the box lacks. */
     public enum class Kind {
         /** No face of a box is in view, or no laser light. */
         NO_BOX,

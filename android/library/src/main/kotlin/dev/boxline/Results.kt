@@ -7,7 +7,7 @@ public sealed interface MeasureResult {
         public val size: BoxSize,
         /** The smallest box that encloses it, edges that bow and wave included: what a carrier's tunnel reads. */
         public val enclosing: BoxSize,
-        /** Probability that every side is within 5 mm, 0 to 1; null on the paper's map. */
+        /** Probability that every side is within 5 mm, 0 to 1; null if the report has none, but this library's measurements have one. */
         public val confidence: Double?,
         /** What looked odd; empty as a rule. */
         public val warnings: List<Warning>,
@@ -16,7 +16,7 @@ public sealed interface MeasureResult {
 
     /**
      * All pictures show a face of A x B, so the box is A x A x B or A x B x B, and only a look at it or a picture of the third face can
-     * tell. [first] is the more likely one.
+     * tell: `measureBox` takes three. [first] is the more likely one.
      */
     public class Ambiguous internal constructor(
         public val first: BoxSize,
@@ -34,15 +34,15 @@ public sealed interface MeasureResult {
         /** The picture that is refused, 0, 1 or 2; null if two or more are good and they do not fit together surely enough. */
         public val face: Int?,
         /** The likeliest boxes, two at most, for a person who decides; none is likely enough to be a result. */
-        public val candidates: List<Candidate>,
+        public val likeliest: List<Candidate>,
         /** Two pictures leave open what one of a third face may settle: `measureBox` takes three. */
         public val thirdFaceHelps: Boolean,
         public val record: Record,
     ) : MeasureResult
 
-    /** The head is not there for the moment. Trying again may help. */
+    /** The head is gone or failed. Close this meter and open a new one when the head is back. */
     public class DeviceUnavailable internal constructor(
-        public val cause: DeviceCause,
+        public val deviceCause: DeviceCause,
         public val message: String,
     ) : MeasureResult
 }
@@ -64,7 +64,7 @@ public sealed interface FaceResult {
 
     /** As [MeasureResult.DeviceUnavailable]. */
     public class DeviceUnavailable internal constructor(
-        public val cause: DeviceCause,
+        public val deviceCause: DeviceCause,
         public val message: String,
     ) : FaceResult
 }
@@ -91,7 +91,7 @@ public sealed interface FaceView {
     public class Unmeasurable internal constructor(public val reason: Reason) : FaceView
 }
 
-/** Why a head cannot be used for the moment. */
+/** Why a head cannot be used. */
 public enum class DeviceCause {
     /** The cable is out, or the head went away. */
     LOST,

@@ -4,7 +4,7 @@ package dev.boxline
 public class Warning internal constructor(
     /** The stable name, such as `face_not_flat`. */
     public val name: String,
-    /** The picture whose face it is about, 0 or 1; null if it is about both. */
+    /** The picture whose face it is about, 0, 1 or 2; null if it is about several together. */
     public val face: Int?,
     /** What was found, its standard deviation, the check's statistic and limit; names end in their unit. */
     public val numbers: Map<String, Double>,
@@ -16,7 +16,7 @@ public class Warning internal constructor(
 
     override fun toString(): String = "$name: $text"
 
-    /** See `rust/UNCERTAINTY.md`. */
+    /** What does not fit a flat rectangle, a straight edge, the calibration, or the other pictures. */
     public enum class Kind {
         /** A laser stands otherwise than when the head was calibrated. */
         LASER_MOVED,
@@ -36,7 +36,7 @@ public class Warning internal constructor(
         /** For another line beside an edge of the face more speaks than for the one that was measured: a seam, print, the other of two roundings. */
         EDGE_DOUBLE,
 
-        /** The side that both pictures show differs more than it should. */
+        /** A side that several pictures show differs more than it should. */
         SIDES_DIFFER,
 
         /** A check that came with a newer native library. */

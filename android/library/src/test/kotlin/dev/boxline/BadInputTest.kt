@@ -80,9 +80,16 @@ class BadInputTest {
         meter.close()
         val end = running.await()
         assertTrue("$end", end.isSuccess || end.exceptionOrNull() is IllegalStateException)
-        for (use in listOf<suspend () -> Unit>({ meter.measureBox(a, b) }, { meter.view(a) }, { meter.measure() })) {
-            assertEquals("BoxMeter is closed", runCatching { use() }.exceptionOrNull()?.message)
+        val all = listOf<suspend () -> Any?>(
+            { meter.measureBox(a, b) }, { meter.view(a) }, { meter.startLive() }, { meter.stopLive() }, { meter.captureFace() }, { meter.measure() },
+            { meter.measureLive() }, { meter.dropCaptured() }, { meter.capturedJpeg(0) }, { meter.showPreview(null) },
+        )
+        for (use in all) {
+            val e = runCatching { use() }.exceptionOrNull()
+            assertTrue("$e", e is IllegalStateException)
+            assertEquals("BoxMeter is closed", e?.message)
         }
+        assertEquals(ScannerState(Connection.Closed, null, 0), meter.state.value)
     }
 
     @Test
@@ -128,6 +135,26 @@ class BadInputTest {
     }
 
     @Test
+    fun `what hinders the start is told by each opener, and the next one works`() {
+        var closed = 0
+        val openers = listOf<() -> Any?>(
+            { BoxMeter.open(Recordings.calibration) }, { BoxMeter.openRecording(Recordings.folder("b02")) }, { BoxMeter.openHead(0) { closed++ } },
+            { BoxMeter.version() },
+        )
+        System.setProperty("boxline.threads", "65")
+        try {
+            for (open in openers) {
+                val e = assertThrows(IllegalArgumentException::class.java) { open() }
+                assertEquals("threads 65: 0 to 64 are allowed", e.message)
+            }
+        } finally {
+            System.clearProperty("boxline.threads")
+        }
+        assertEquals(1, closed)
+        BoxMeter.open(Recordings.calibration).close()
+    }
+
+    @Test
     fun `50 rounds of opening and closing leave nothing`() {
         repeat(50) { BoxMeter.open(Recordings.calibration).close() }
         nothingIsLeftOpen()
@@ -142,6 +169,11 @@ class BadInputTest {
             assertThrows(IllegalStateException::class.java) { meter.startLive() }
             assertTrue(runCatching { meter.captureFace() }.exceptionOrNull() is IllegalStateException)
             assertTrue(runCatching { meter.measure() }.exceptionOrNull()!!.message!!.contains("two captured faces"))
+            assertEquals("this BoxMeter has no head", runCatching { meter.measureLive() }.exceptionOrNull()?.message)
+            meter.stopLive()
+            assertEquals(false, meter.showPreview(object : android.view.Surface() {}))
+            val view = assertThrows(IllegalArgumentException::class.java) { meter.showPreview("a view") }
+            assertEquals("an android.view.Surface is needed, this is a java.lang.String", view.message)
         }
         for (fd in listOf(-1, 99_999)) {
             var closed = 0

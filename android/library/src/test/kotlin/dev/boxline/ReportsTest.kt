@@ -80,7 +80,7 @@ class ReportsTest {
         val reject = field(4, field(1, "outline_unsure"))
         val result = measureResult(field(1, 3) + reject + faces + field(9, candidate) + field(10, 1)) as MeasureResult.Rejected
         assertTrue(result.thirdFaceHelps)
-        assertEquals(0.5, result.candidates.single().confidence, 0.0)
+        assertEquals(0.5, result.likeliest.single().confidence, 0.0)
         assertNull(result.face)
         // Of three pictures one is refused, and the others do not fit together: none is to blame.
         val three = measureResult(field(1, 3) + reject + faces + field(5, field(2, 3) + field(9, field(1, "no_box")))) as MeasureResult.Rejected

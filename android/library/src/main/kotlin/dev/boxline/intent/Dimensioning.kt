@@ -37,7 +37,10 @@ public object Dimensioning {
 
     private val perMillimetre = mapOf("MM" to 1.0, "CM" to 0.1, "INCH" to 1 / 25.4)
 
-    /** Result extras for a [request]; [jpeg] is a picture as the head sent it, [timeMillis] when, milliseconds since 1970. */
+    /**
+     * Result extras for a [request]; [jpeg] is a picture as the head sent it, [timeMillis] when, milliseconds since 1970. Blocks while the
+     * picture is made small.
+     */
     public fun result(request: Intent?, result: MeasureResult, jpeg: ByteArray?, timeMillis: Long): Intent = when (result) {
         is MeasureResult.Measured -> result(request, result.size, jpeg, timeMillis)
         is MeasureResult.Ambiguous -> without(request, "AMBIGUOUS", "two boxes are possible", jpeg, timeMillis)

@@ -11,8 +11,13 @@ internal object Native {
         // A test names the library by its path; on Android, and where the path is set, the system finds it.
         val path = System.getProperty("boxline.library")
         if (path == null) System.loadLibrary("boxline_jni") else System.load(path)
-        start(Integer.getInteger("boxline.log", 2), Integer.getInteger("boxline.threads", 0))
     }
+
+    /**
+     * Starts the log and loads the network, the first time. Every opener calls it: what fails here is an exception of its own, as it would
+     * not be in a static initialiser.
+     */
+    fun load(): Unit = start(Integer.getInteger("boxline.log", 2), Integer.getInteger("boxline.threads", 0))
 
     @JvmStatic external fun start(logLevel: Int, threads: Int)
 
@@ -62,10 +67,6 @@ internal object Native {
     @JvmStatic external fun startStream(head: Long)
 
     @JvmStatic external fun stopStream(head: Long)
-
-    @JvmStatic external fun lasers(head: Long): Int
-
-    @JvmStatic external fun setLasers(head: Long, bits: Int)
 
     @JvmStatic external fun liveView(head: Long, calibration: Long, after: Long, stop: Long): ByteArray
 

@@ -41,7 +41,7 @@ internal fun measureResult(bytes: ByteArray): MeasureResult {
             MeasureResult.Rejected(
                 reason = reason(report.part(Field.BoxReport.REJECT), refused?.let { faces[it].message(Field.Face.HINT) }),
                 face = refused,
-                candidates = report.messages(Field.BoxReport.LIKELIEST).map {
+                likeliest = report.messages(Field.BoxReport.LIKELIEST).map {
                     Candidate(size(it.part(Field.Candidate.SIDES)), it.double(Field.Candidate.CONFIDENCE))
                 },
                 thirdFaceHelps = report.number(Field.BoxReport.THIRD_FACE_HELPS) != 0L,

@@ -15,15 +15,14 @@ import android.os.Build
 import dev.boxline.BoxMeter
 import dev.boxline.DeviceCause
 import dev.boxline.DeviceException
-import kotlinx.coroutines.Dispatchers
+import dev.boxline.internal.openHeadUnlessCancelled
 import kotlinx.coroutines.channels.awaitClose
 import kotlinx.coroutines.flow.Flow
 import kotlinx.coroutines.flow.callbackFlow
 import kotlinx.coroutines.suspendCancellableCoroutine
-import kotlinx.coroutines.withContext
 import kotlin.coroutines.resume
 
-/** A head that was plugged in or pulled out. */
+/** A camera on the port that was plugged in or pulled out. Whether it is a head is known when it is opened. */
 public sealed interface HeadEvent {
     /** It is there; it may need permission still. */
     public class Attached internal constructor(public val device: UsbDevice) : HeadEvent
@@ -47,7 +46,7 @@ public class HeadFinder(context: Context) {
     public fun hasCameraPermission(): Boolean =
         context.checkSelfPermission(Manifest.permission.CAMERA) == PackageManager.PERMISSION_GRANTED
 
-    /** Heads that come and go, from now on. */
+    /** Cameras that come and go, from now on. */
     public fun events(): Flow<HeadEvent> = callbackFlow {
         val receiver = receiver { intent ->
             val device = device(intent)?.takeIf(::isCamera) ?: return@receiver
@@ -60,26 +59,40 @@ public class HeadFinder(context: Context) {
     }
 
     /**
-     * Asks the user for a camera, opens it, and reads the head's calibration unless [calibrationJson] has it. Without a [device] the
-     * first camera is meant. Suspends while the user decides.
+     * Asks the user for a camera, opens it, and reads the head's calibration unless [calibrationJson] has it. Without a [device] each
+     * camera is tried until one is a head; the user is asked for each. Suspends while the user decides. Cancelled, it leaves nothing open.
      *
-     * @throws DeviceException with [DeviceCause.LOST] if there is no camera, [DeviceCause.PERMISSION] if the user said no or the app lacks the
-     *   camera permission, [DeviceCause.NOT_A_HEAD] if it is another camera
-     * @throws dev.boxline.ScannerConfigException if the head has no calibration
+     * @throws DeviceException if no head was opened, with [DeviceCause.LOST] if there is no camera, [DeviceCause.PERMISSION] if the user said
+     *   no or the app lacks the camera permission, [DeviceCause.NOT_A_HEAD] if there are other cameras only
+     * @throws dev.boxline.ScannerConfigException if the head has no calibration, or the network does not load
      */
     public suspend fun open(device: UsbDevice? = null, calibrationJson: ByteArray? = null): BoxMeter {
         val manager = usb ?: throw DeviceException(DeviceCause.LOST, "this phone has no USB host")
-        val camera = device ?: cameras().firstOrNull() ?: throw DeviceException(DeviceCause.LOST, "no USB camera is plugged in")
+        val cameras = if (device == null) cameras() else listOf(device)
+        if (cameras.isEmpty()) throw DeviceException(DeviceCause.LOST, "no USB camera is plugged in")
         if (!hasCameraPermission()) {
             throw DeviceException(DeviceCause.PERMISSION, "the app lacks the camera permission, which a USB camera needs too")
         }
+        val failures = ArrayList<DeviceException>()
+        for (camera in cameras) {
+            try {
+                return open(manager, camera, calibrationJson)
+            } catch (e: DeviceException) {
+                failures += e
+            }
+        }
+        // Of a head and a webcam the head's failure is the one to tell.
+        throw failures.find { it.deviceCause != DeviceCause.NOT_A_HEAD } ?: failures.first()
+    }
+
+    private suspend fun open(manager: UsbManager, camera: UsbDevice, calibrationJson: ByteArray?): BoxMeter {
         if (!manager.hasPermission(camera) && !ask(manager, camera)) {
             throw DeviceException(DeviceCause.PERMISSION, "the user did not allow the USB camera")
         }
         val connection = manager.openDevice(camera)
             ?: throw DeviceException(DeviceCause.BUSY, "the system does not open the USB camera")
         // The connection stays referenced, so open, until the native side has let go of the head.
-        return withContext(Dispatchers.IO) { BoxMeter.openHead(connection.fileDescriptor, calibrationJson, connection::close) }
+        return openHeadUnlessCancelled(connection.fileDescriptor, calibrationJson, connection::close)
     }
 
     private suspend fun ask(manager: UsbManager, camera: UsbDevice): Boolean = suspendCancellableCoroutine { continuation ->

@@ -6,6 +6,9 @@ internal object FakeHead {
     const val OTHER_SERIAL: Int = 2
     const val NOTHING: Int = -1
 
+    /** Frames of which half is missing. */
+    const val TORN: Int = -2
+
     private val path: String? = System.getProperty("boxline.fakehead")
 
     val isThere: Boolean = path != null

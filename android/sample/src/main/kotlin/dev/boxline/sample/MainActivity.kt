@@ -11,9 +11,11 @@ import android.view.View
 import android.widget.Button
 import android.widget.TextView
 import dev.boxline.BoxMeter
+import dev.boxline.Connection
 import dev.boxline.DeviceException
 import dev.boxline.FaceView
 import dev.boxline.MeasureResult
+import dev.boxline.NativeBugException
 import dev.boxline.ScannerConfigException
 import dev.boxline.ScannerState
 import dev.boxline.intent.Dimensioning
@@ -23,7 +25,10 @@ import kotlinx.coroutines.CoroutineScope
 import kotlinx.coroutines.Job
 import kotlinx.coroutines.MainScope
 import kotlinx.coroutines.cancel
+import kotlinx.coroutines.flow.takeWhile
 import kotlinx.coroutines.launch
+import kotlinx.coroutines.sync.Mutex
+import kotlinx.coroutines.sync.withLock
 
 /** The one screen: shows what the library says. Also serves [Dimensioning.ACTION] for other apps. */
 public class MainActivity : Activity() {
@@ -31,7 +36,8 @@ public class MainActivity : Activity() {
     private lateinit var words: Words
     private var scope: CoroutineScope = MainScope()
     private var meter: BoxMeter? = null
-    private var round: Job? = null
+    private var job: Job? = null
+    private val oneAtATime = Mutex()
     private var shown: MeasureResult? = null
 
     override fun onCreate(savedInstanceState: Bundle?) {
@@ -82,36 +88,52 @@ public class MainActivity : Activity() {
             view<TextView>(R.id.status).setText(R.string.plug_in)
             return
         }
-        scope.launch {
+        instead {
             meter?.close()
-            try {
-                meter = finder.open().also { opened ->
-                    opened.showPreview(view<SurfaceView>(R.id.preview).holder.surface)
-                    scope.launch { opened.state.collect(::show) }
-                }
-                measure()
-            } catch (e: DeviceException) {
-                view<TextView>(R.id.status).text = words.of(e.reason, e.message.orEmpty())
-            } catch (e: ScannerConfigException) {
-                view<TextView>(R.id.status).text = getString(R.string.config, e.message)
-            }
+            meter = null
+            val opened = finder.open()
+            meter = opened
+            opened.showPreview(view<SurfaceView>(R.id.preview).holder.surface)
+            scope.launch { opened.state.takeWhile { it.connection != Connection.Closed }.collect(::show) }
+            round(opened)
         }
     }
 
     private fun measure() {
-        val meter = meter ?: return start()
+        val connection = meter?.state?.value?.connection
+        val meter = meter.takeIf { connection is Connection.Ready || connection is Connection.Live } ?: return start()
+        instead { round(meter) }
+    }
+
+    private suspend fun round(meter: BoxMeter) {
         show(null)
-        round?.cancel()
-        round = scope.launch {
-            meter.dropCaptured()
-            meter.startLive(autoCapture = true)
-            var result = meter.measureLive()
-            if (result is MeasureResult.Rejected && result.thirdFaceHelps) {
-                view<TextView>(R.id.result).text = words.of(result)
-                result = meter.measureLive()
+        meter.dropCaptured()
+        meter.startLive(autoCapture = true)
+        var result = meter.measureLive()
+        if (result is MeasureResult.Rejected && result.thirdFaceHelps) {
+            view<TextView>(R.id.result).text = words.of(result)
+            result = meter.measureLive()
+        }
+        meter.stopLive()
+        show(result)
+    }
+
+    /** Opening and rounds, one at a time: the one before is cancelled, and has ended before the next begins. */
+    private fun instead(body: suspend () -> Unit) {
+        job?.cancel()
+        job = scope.launch {
+            oneAtATime.withLock {
+                try {
+                    body()
+                } catch (e: DeviceException) {
+                    view<TextView>(R.id.status).text = words.of(e.deviceCause, e.message.orEmpty())
+                } catch (e: ScannerConfigException) {
+                    view<TextView>(R.id.status).text = getString(R.string.config, e.message)
+                } catch (e: NativeBugException) {
+                    meter = null // it has closed itself
+                    view<TextView>(R.id.status).text = getString(R.string.device_failed, e.message)
+                }
             }
-            meter.stopLive()
-            show(result)
         }
     }
 

@@ -23,9 +23,9 @@ internal class Words(private val resources: Resources) {
     fun of(state: ScannerState): String {
         val view = state.view
         return when (val connection = state.connection) {
-            Connection.None -> resources.getString(R.string.plug_in)
+            Connection.None, Connection.Closed -> resources.getString(R.string.plug_in)
             is Connection.Ready -> resources.getString(R.string.ready, connection.serial)
-            is Connection.Unavailable -> of(connection.cause, connection.message)
+            is Connection.Unavailable -> of(connection.deviceCause, connection.message)
             is Connection.Live -> when {
                 view is FaceView.Measurable && state.captured == 1 && view.steady -> resources.getString(R.string.second_face, 1)
                 view is FaceView.Measurable -> resources.getString(R.string.hold_still)
@@ -42,7 +42,7 @@ internal class Words(private val resources: Resources) {
             val third = if (result.thirdFaceHelps) "\n→ " + resources.getString(R.string.third_face) else ""
             refused(result.face) + "\n" + of(result.reason) + third
         }
-        is MeasureResult.DeviceUnavailable -> of(result.cause, result.message)
+        is MeasureResult.DeviceUnavailable -> of(result.deviceCause, result.message)
     }
 
     /** Sides, the intervals that hold the truth in 95 of 100 measurements, volume, and what looked odd. */
