@@ -147,7 +147,11 @@ fn recorded_frames_with_the_lasers_off_are_refused() {
 fn recorded_one_face_twice_is_ambiguous_until_chosen() {
     let recorded = Recorded::read("b02");
     let a = recorded.frame("a");
-    let report = measure(&a, &a, &recorded, &shipped());
+    // As two exposures differ somewhere: the very same picture is no second one.
+    let mut rgb = a.rgb().to_vec();
+    rgb[0] ^= 1;
+    let again = Frame::from_rgb(a.width_px(), a.height_px(), rgb).unwrap();
+    let report = measure(&a, &again, &recorded, &shipped());
     let Outcome::Ambiguous(candidates) = report.outcome else { panic!("{:?}", report.outcome) };
     let [length, width] = recorded.truth.faces[0].size_mm.unwrap();
     let mut truths = [[length, length, width], [length, width, width]];
@@ -159,7 +163,7 @@ fn recorded_one_face_twice_is_ambiguous_until_chosen() {
         {
             check_side(&format!("candidate {}", i + 1), found, truth_mm, PROMISED);
         }
-        let chosen = measure(&a, &a, &recorded, &Settings { choose: Some(i), ..shipped() });
+        let chosen = measure(&a, &again, &recorded, &Settings { choose: Some(i), ..shipped() });
         assert_eq!(chosen.outcome, Outcome::Measured(*candidate));
     }
 }
@@ -249,9 +253,11 @@ fn frames_side_by_side_give_the_same_report_as_one_after_the_other() {
     assert_eq!(reports[0], reports[1]);
     assert_eq!(stages, stages_together);
 
+    // What they leave out is done all the same.
     let idle = Settings { workers: Some(&Idle), ..alone };
-    let error = measure_box(&[&a, &b], &recorded.calibration, &idle).unwrap_err();
-    assert_eq!(error.kind(), ErrorKind::Cancelled, "{error}");
+    let mut report = measure_box(&[&a, &b], &recorded.calibration, &idle).unwrap();
+    report.times.clear();
+    assert_eq!(report, reports[0]);
 }
 
 /// A frame is whole or an error. A flipped bit may still give a picture, never a panic.

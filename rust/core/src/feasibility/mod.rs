@@ -126,8 +126,10 @@ mod tests {
         };
         let (near, far) = range(1800.0, 900.0).expect("the largest box");
         assert!((2100.0..2600.0).contains(&near), "{near}");
-        // The shorter side must exceed about 0.17 z: 900 mm do at any distance.
-        assert!(far > 2800.0, "{far}");
+        // The shorter side must exceed about 0.17 z: 900 mm do at any distance, of which those are left from where it cannot be seen whole nearer.
+        assert!(far > FARTHEST_MM, "{far}");
+        let (_, far) = range(600.0, 600.0).expect("a middling box");
+        assert!((0.97 * FARTHEST_MM..=FARTHEST_MM).contains(&far), "as far as it is not too far: {far}");
         let (near, far) = range(100.0, 100.0).expect("the smallest box");
         assert!(near < 350.0 && (350.0..620.0).contains(&far), "{near} {far}");
         assert!(range(10.0, 10.0).is_none());

@@ -44,7 +44,8 @@ pub fn measure_box(
     }
     // Noise makes any two pictures differ; one picture twice would be a box of two equal faces.
     for (i, frame) in frames.iter().enumerate() {
-        if let Some(j) = frames[..i].iter().position(|other| other.rgb() == frame.rgb()) {
+        let same = |other: &&Frame| other.width_px() == frame.width_px() && other.rgb() == frame.rgb();
+        if let Some(j) = frames[..i].iter().position(same) {
             let text =
                 format!("{}: is the same picture as the {}, each is of another face", NAMES[i], NAMES[j]);
             return Err(Error::new(ErrorKind::InvalidFrame, text));

@@ -9,7 +9,7 @@ use crate::image::Frame;
 use crate::reject::Reject;
 use crate::view::SideOdds;
 
-/// What the network of sides says of a hidden side from which a face is refused for it: 0.9 % of 1,599 sound faces of the learning and
+/// What the network of sides says of a hidden side from which a face is refused for it: 0.6 % of 1,602 sound faces of the learning and
 /// choosing seeds are.
 const HIDDEN_PROBABILITY: f64 = 0.75;
 /// Odds that something hides a piece of a face which is looked at, an assumption (one in twenty), over those of the network's training (30
