@@ -4,7 +4,7 @@
 mod program;
 
 use program::{boxline, data, json_of, stderr, stdout, text};
-use serde_json::{Value, json};
+use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
@@ -212,11 +212,21 @@ fn a_refusal_is_drawn_too() {
     assert_eq!(image::open(&overlay).unwrap().width(), 1600);
 }
 
+/// A picture of the same view, as a second exposure would be: encoded again, so not the very same.
+fn again(frame: &Path, folder: &Path) -> PathBuf {
+    let copy = folder.join("again.jpg");
+    let picture = image::open(frame).unwrap();
+    let file = std::fs::File::create(&copy).unwrap();
+    picture.write_with_encoder(image::codecs::jpeg::JpegEncoder::new_with_quality(file, 97)).unwrap();
+    copy
+}
+
 #[test]
 fn the_same_face_twice_leaves_two_boxes() {
+    let folder = tempfile::tempdir().unwrap();
     let a = data("b02/a.jpg");
-    let calibration = calibration();
-    let arguments = ["measure", text(&a), text(&a), "--calibration", text(&calibration), "--json"];
+    let (again, calibration) = (again(&a, folder.path()), calibration());
+    let arguments = ["measure", text(&a), text(&again), "--calibration", text(&calibration), "--json"];
     let output = boxline(&arguments);
     assert_eq!(output.status.code(), Some(4), "{}", stderr(&output));
     let object = json_of(&output);
@@ -268,8 +278,9 @@ fn views_with_the_lasers_off_are_used_and_one_that_does_not_fit_is_named_and_lef
 
 #[test]
 fn a_third_frame_settles_which_box_it_is_and_one_that_shows_none_does_no_harm() {
+    let folder = tempfile::tempdir().unwrap();
     let (a, b, dark) = (data("b02/a.jpg"), data("b02/b.jpg"), data("b02/a_off.jpg"));
-    let calibration = calibration();
+    let (again, calibration) = (again(&a, folder.path()), calibration());
     let measured = |frames: &[&Path]| {
         let mut arguments = vec!["measure"];
         arguments.extend(frames.iter().map(|frame| text(frame)));
@@ -279,7 +290,7 @@ fn a_third_frame_settles_which_box_it_is_and_one_that_shows_none_does_no_harm() 
         json_of(&output)
     };
     let two = measured(&[&a, &b]);
-    for frames in [[&a, &a, &b], [&a, &b, &dark]] {
+    for frames in [[&a, &again, &b], [&a, &b, &dark]] {
         let three = measured(&frames.map(|frame| frame.as_path()));
         assert_eq!(three["faces"].as_array().unwrap().len(), 3);
         for side in ["length_mm", "width_mm", "height_mm"] {
@@ -558,7 +569,9 @@ fn evaluates_all_recordings() {
         assert_eq!(of("refuse", method)["faces"].as_array().unwrap().len(), 3);
     }
     assert!(!recordings.iter().any(|r| r["recording"] == "calibration_set"));
-    assert_eq!(object["wrong"], json!([]), "refusals are missed, not wrong");
+    // Refusals are missed, not wrong. The paper's key points are for comparison.
+    let wrong = object["wrong"].as_array().unwrap().iter().map(|w| w.as_str().unwrap());
+    assert_eq!(wrong.filter(|w| !w.contains(", keypoints: ")).collect::<Vec<_>>(), [""; 0]);
     assert!(object["missed"].as_array().unwrap().iter().all(|m| m.as_str().unwrap().contains("refused")));
     assert_eq!(object["summary"][0]["of"], "boxes");
 }
