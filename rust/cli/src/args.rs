@@ -134,6 +134,7 @@ Examples:
   boxline feasibility --calibration calibration.json
   boxline feasibility --calibration calibration.json --face 800x600 --picture sigma.svg
 
+A face beyond 2.5 m that could be seen whole from there is refused as too_far, whatever is predicted for it.
 Exit codes: 0 predicted, 2 broken input or usage.")]
     Feasibility(crate::feasibility::FeasibilityArgs),
     /// Lists the cameras on the bus
