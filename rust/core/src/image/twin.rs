@@ -99,8 +99,8 @@ impl Frame {
     /// `None` where nothing in the picture's middle would show one.
     ///
     /// # Errors
-    /// [`ErrorKind::InvalidFrame`] if `off` has another size, shows another view, or cannot be laid over this one to within 4 px. The frame
-    /// is then as it was.
+    /// [`ErrorKind::InvalidFrame`] if `off` is this picture itself, has another size, shows another view, or cannot be laid over this one to
+    /// within 4 px. The frame is then as it was.
     pub fn add_ambient(&mut self, off: &Self) -> Result<Option<f64>, Error> {
         let invalid = |text: String| Error::new(ErrorKind::InvalidFrame, text);
         if (self.width_px, self.height_px) != (off.width_px, off.height_px) {
@@ -108,6 +108,10 @@ impl Frame {
                 "the picture with the lasers off is {} x {} px, the lit one {} x {} px",
                 off.width_px, off.height_px, self.width_px, self.height_px
             )));
+        }
+        // Noise makes any two exposures differ.
+        if self.rgb == off.rgb {
+            return Err(invalid("the picture with the lasers off is the lit one itself".into()));
         }
         let settings = TwinSettings::default();
         let found = register(self, off, &settings);
@@ -500,7 +504,12 @@ mod tests {
     fn another_view_or_size_is_refused_and_the_frame_stays_as_it_was() {
         let lit = picture(&still(), 1, 60.0);
         let small = Frame::from_rgb(320, 480, vec![90; 320 * 480 * 3]).expect("the size fits");
-        for (off, why) in [(picture(&still(), 5, 0.0), "another view"), (small, "320 x 480 px")] {
+        let others = [
+            (picture(&still(), 5, 0.0), "another view"),
+            (small, "320 x 480 px"),
+            (lit.clone(), "lit one itself"),
+        ];
+        for (off, why) in others {
             let mut frame = lit.clone();
             let e = frame.add_ambient(&off).expect_err("does not fit");
             assert!(e.kind() == ErrorKind::InvalidFrame && e.to_string().contains(why), "{e}");
