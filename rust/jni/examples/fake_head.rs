@@ -22,7 +22,8 @@ use std::time::Duration;
 use usbfs::{Plan, Plugged, UrbFault, plug};
 
 static PLUGGED: Mutex<Option<Plugged>> = Mutex::new(None);
-/// Which lit frame of the recording the head sees; below 0 nothing that lasers light, `TORN` frames of which half is missing.
+/// Which lit frame of the recording the head sees, from as many as there are on each once more in another exposure; below 0 nothing that
+/// lasers light, `TORN` frames of which half is missing.
 static VIEW: AtomicI32 = AtomicI32::new(0);
 
 const TORN: c_int = -2;
@@ -44,7 +45,8 @@ pub extern "C" fn Java_dev_boxline_testing_FakeHead_plug(
         let chosen = recording.frames.iter().filter(move |frame| frame.laser == laser);
         chosen.map(|frame| Arc::from(std::fs::read(&frame.file).unwrap())).collect::<Vec<Arc<[u8]>>>()
     };
-    let (lit, dark) = (read(Laser::On), read(Laser::Off));
+    let (mut lit, dark) = (read(Laser::On), read(Laser::Off));
+    lit.extend(lit.clone().iter().map(|jpeg| exposed_again(jpeg)));
     // With the end of a JPEG, without which it would not leave the driver.
     let torn: Arc<[u8]> = [&lit[0][..lit[0].len() / 2], &[0xFF, 0xD9]].concat().into();
     let source = move |shot: FrameRequest| {
@@ -68,6 +70,14 @@ pub extern "C" fn Java_dev_boxline_testing_FakeHead_plug(
     let fd = plugged.fd().as_raw_fd();
     *PLUGGED.lock().unwrap() = Some(plugged);
     fd
+}
+
+/// The same picture with other pixels, as another exposure has them: one frequency of its blocks has another step.
+fn exposed_again(jpeg: &[u8]) -> Arc<[u8]> {
+    let mut jpeg = jpeg.to_vec();
+    let steps = jpeg.windows(2).position(|marker| marker == [0xFF, 0xDB]).unwrap() + 5;
+    jpeg[steps + 20] += 1;
+    jpeg.into()
 }
 
 /// `static native void show(int view)`: which view it sees from now on.

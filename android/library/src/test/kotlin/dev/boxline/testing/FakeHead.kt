@@ -20,7 +20,7 @@ internal object FakeHead {
     /** Plugs a new head in and gives its descriptor; the one before is gone. */
     @JvmStatic external fun plug(how: Int): Int
 
-    /** Which lit picture of the recording it sees from now on. */
+    /** Which of the two lit pictures of the recording it sees from now on; 2 and 3 are the same in another exposure. */
     @JvmStatic external fun show(view: Int)
 
     /** The cable comes out after so many blocks of the stream. */
