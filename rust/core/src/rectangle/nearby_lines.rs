@@ -6,20 +6,43 @@ use crate::confidence::RIGHT_MM;
 use crate::face::outline::{InitialRectangle, SIDES, WeightedLine, outward_sign, span_mm};
 use crate::warning::{Warning, WarningKind};
 
-/// Lines that are no farther from a measured side pull at it, px and mm; it counts as right along any that is within [`RIGHT_MM`].
-const NEARBY_PX: f64 = 15.0;
-const NEARBY_MM: f64 = 8.0;
-/// An edge of the picture has weaker ones beside it up to so far away, px: its blur, both ends of its rounding. They seldom are the side,
-/// and their mean distance times this is in its sigma; a line farther away is another one, which may be the side as its share says. Of
-/// 654 sides of the learning and choosing seeds all are within 4 sigmas for it, and 97.6 % in the interval of 95 %; the logarithm of the
-/// likelihood is higher by 9 than with this share for all of them and none beyond 15 px.
-const SAME_EDGE_PX: f64 = 7.0;
-const SAME_EDGE_SHARE: f64 = 0.4;
+/// Which lines pull at a measured side, and by how much.
+#[derive(Clone, Copy, Debug)]
+struct NearbySettings {
+    /// Lines no farther from a measured side than both of these pull at it, px and mm; it counts as right along any that is within
+    /// [`RIGHT_MM`]. More takes another candidate for a line of this side and makes its sigma larger.
+    reach_px: f64,
+    reach_mm: f64,
+    /// An edge of the picture has weaker ones beside it up to so far away, px: its blur, both ends of its rounding. More takes another line,
+    /// which may be the side as its share says, for a part of this edge.
+    same_edge_px: f64,
+    /// They seldom are the side, and their mean distance times this is in its sigma. Of 654 sides of the learning and choosing seeds all are
+    /// within 4 sigmas for it, and 97.6 % in the interval of 95 %; the logarithm of the likelihood is higher by 9 than with this share for all
+    /// lines and none beyond 15 px. More makes intervals too wide.
+    same_edge_share: f64,
+    /// Lines nearer than this are one, px. More misses a second line close to the measured one.
+    same_line_px: f64,
+    /// A line that has this share of the weight of all that are near speaks ten to one against the line that was measured. More keeps silent
+    /// on sides that lie on the wrong line.
+    double_share: f64,
+}
 
-/// Lines nearer than this are one, px ...
-const SAME_LINE_PX: f64 = 4.0;
-/// ... and one that has this share of the weight of all that are near speaks ten to one against the line that was measured.
-const LEAST_OF_DOUBLE: f64 = 0.9;
+impl NearbySettings {
+    const DEFAULT: Self = Self {
+        reach_px: 15.0,
+        reach_mm: 8.0,
+        same_edge_px: 7.0,
+        same_edge_share: 0.4,
+        same_line_px: 4.0,
+        double_share: 0.9,
+    };
+}
+
+impl Default for NearbySettings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
 
 /// The lines that pull at a measured side: the two roundings of an edge, a seam's two flanks, a line of print just inside.
 pub(super) struct NearbyLines {
@@ -35,29 +58,36 @@ impl NearbyLines {
         let (from, to) = span_mm(&fit.offsets_mm, side);
         let middle = fit.raster.cam_point(across.at(fit.offsets_mm[side], 0.5 * (from + to)));
         let here_mm = across.offset(initial.raster.of_cam(&middle));
-        Self::beside(here_mm, outward_sign(side), &initial.lines[side], initial.mm_per_px)
+        let lines = &initial.lines[side];
+        Self::beside(here_mm, outward_sign(side), lines, initial.mm_per_px, &NearbySettings::DEFAULT)
     }
 
     /// Of the lines of a side that was measured here.
-    fn beside(here_mm: f64, outward_sign: f64, lines: &[WeightedLine], mm_per_px: f64) -> Self {
+    fn beside(
+        here_mm: f64,
+        outward_sign: f64,
+        lines: &[WeightedLine],
+        mm_per_px: f64,
+        settings: &NearbySettings,
+    ) -> Self {
         let off_mm = |line: &WeightedLine| (line.offset_mm - here_mm).abs();
-        let reach_mm = (NEARBY_PX * mm_per_px).clamp(RIGHT_MM, NEARBY_MM);
+        let reach_mm = (settings.reach_px * mm_per_px).clamp(RIGHT_MM, settings.reach_mm);
         let near: Vec<&WeightedLine> = lines.iter().filter(|line| off_mm(line) <= reach_mm).collect();
         let total: f64 = near.iter().map(|line| line.share).sum();
         if total <= 0.0 {
             let nearest = lines.iter().map(off_mm).min_by(f64::total_cmp);
-            return Self { sigma_mm: SAME_EDGE_SHARE * nearest.unwrap_or(0.0), other: None };
+            return Self { sigma_mm: settings.same_edge_share * nearest.unwrap_or(0.0), other: None };
         }
         let pull_mm = |line: &WeightedLine| {
-            let same_edge = off_mm(line) <= SAME_EDGE_PX * mm_per_px;
-            off_mm(line) * if same_edge { SAME_EDGE_SHARE } else { 1.0 }
+            let same_edge = off_mm(line) <= settings.same_edge_px * mm_per_px;
+            off_mm(line) * if same_edge { settings.same_edge_share } else { 1.0 }
         };
         let variance: f64 = near.iter().map(|line| line.share / total * pull_mm(line).powi(2)).sum();
-        let other = near.iter().filter(|line| off_mm(line) > SAME_LINE_PX * mm_per_px);
+        let other = near.iter().filter(|line| off_mm(line) > settings.same_line_px * mm_per_px);
         let other = other
             .max_by(|a, b| a.share.total_cmp(&b.share))
             .map(|line| (outward_sign * (line.offset_mm - here_mm), line.share / total));
-        Self { sigma_mm: variance.sqrt(), other: other.filter(|(_, share)| *share >= LEAST_OF_DOUBLE) }
+        Self { sigma_mm: variance.sqrt(), other: other.filter(|(_, share)| *share >= settings.double_share) }
     }
 
     /// Of the side whose other line is the likeliest.
@@ -65,7 +95,14 @@ impl NearbyLines {
         let doubled = sides.iter().filter_map(|nearby| Some((nearby.sigma_mm, nearby.other?)));
         let (sigma, (found, share)) = doubled.max_by(|(_, (_, a)), (_, (_, b))| a.total_cmp(b))?;
         let kind = WarningKind::EdgeDouble;
-        Some(Warning { kind, laser: None, found, sigma, chi_square: share, limit: LEAST_OF_DOUBLE })
+        Some(Warning {
+            kind,
+            laser: None,
+            found,
+            sigma,
+            chi_square: share,
+            limit: NearbySettings::DEFAULT.double_share,
+        })
     }
 }
 
@@ -77,9 +114,10 @@ mod tests {
     /// not of one 8 mm away, which is another candidate.
     #[test]
     fn what_counts_as_right_is_in_sigma() {
+        let settings = NearbySettings::default();
         let of = |other_mm: f64| {
             let line = |offset_mm, share| WeightedLine { offset_mm, share };
-            NearbyLines::beside(100.0, 1.0, &[line(100.0, 0.8), line(100.0 + other_mm, 0.2)], 0.15)
+            NearbyLines::beside(100.0, 1.0, &[line(100.0, 0.8), line(100.0 + other_mm, 0.2)], 0.15, &settings)
         };
         assert!(
             (of(4.5).sigma_mm - 4.5 * 0.2f64.sqrt()).abs() < 1e-9,
@@ -87,7 +125,10 @@ mod tests {
             of(4.5).sigma_mm
         );
         let blurred = of(0.9).sigma_mm;
-        assert!((blurred - SAME_EDGE_SHARE * 0.9 * 0.2f64.sqrt()).abs() < 1e-9, "beside an edge: {blurred}");
+        assert!(
+            (blurred - settings.same_edge_share * 0.9 * 0.2f64.sqrt()).abs() < 1e-9,
+            "beside an edge: {blurred}"
+        );
         assert!(of(8.0).sigma_mm == 0.0);
     }
 }
