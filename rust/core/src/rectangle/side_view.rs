@@ -20,15 +20,34 @@ pub(crate) struct Rule {
     pub share_sigma: f64,
 }
 
-/// The strongest gradient on a crease lies this share of the radius inside the sharp edge when the face is seen straight on,
-/// less by the tangent of the view where the neighbouring face shows; and its scatter. It lies where the rounding begins if the
-/// neighbour is the brighter one and where it ends if it is darker, which light decides. Means over light, views and blur
-/// of a quarter cylinder under Lambert's law (`rust/sim/src/points/rounding.rs`); rendered boxes: 0.1 to 0.3, scatter 0.35.
-const CREASE_SHARE: (f64, f64) = (0.37, 0.41);
-/// The strongest gradient of a silhouette lies this share of the radius inside the touching ray, since the rounding's
-/// shading begins before it ends; and the scatter of that: shading, a neighbour of the same brightness behind. From the same
-/// model (0.09, 0.26) and the same from rendered boxes (0.1).
-const SILHOUETTE_SHARE: (f64, f64) = (0.09, 0.26);
+/// The rules of both kinds of edges.
+#[derive(Clone, Copy, Debug)]
+struct EdgeKinds {
+    /// The strongest gradient on a crease lies this share of the radius inside the sharp edge when the face is seen straight on,
+    /// less by the tangent of the view where the neighbouring face shows; and its scatter. It lies where the rounding begins if the
+    /// neighbour is the brighter one and where it ends if it is darker, which light decides. Means over light, views and blur
+    /// of a quarter cylinder under Lambert's law (`rust/sim/src/points/rounding.rs`); rendered boxes: 0.1 to 0.3, scatter 0.35. A larger share
+    /// makes boxes larger, a larger scatter makes shading and stripes' ends count for more.
+    crease: Rule,
+    /// The strongest gradient of a silhouette lies this share of the radius inside the touching ray, since the rounding's
+    /// shading begins before it ends; and the scatter of that: shading, a neighbour of the same brightness behind. From the same
+    /// model (0.09, 0.26) and the same from rendered boxes (0.1). Larger values do as those of a crease.
+    silhouette: Rule,
+}
+
+impl EdgeKinds {
+    const DEFAULT: Self = Self {
+        crease: Rule { share: 0.37, share_sigma: 0.41 },
+        silhouette: Rule { share: 0.09, share_sigma: 0.26 },
+    };
+}
+
+impl Default for EdgeKinds {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
+
 /// How a side is seen.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SideView {
@@ -59,15 +78,14 @@ pub(crate) fn normal(fit: &FittedRectangle) -> Vector3<f64> {
 
 impl Rule {
     pub fn new(view: &SideView) -> Self {
-        let t = view.tan;
-        let (share, share_sigma) = if t > 0.0 {
+        let EdgeKinds { crease, silhouette } = EdgeKinds::DEFAULT;
+        if view.tan > 0.0 {
             // The neighbouring face is in view: between both ends of the rounding as it appears.
-            (CREASE_SHARE.0 * (1.0 - t).max(0.0), CREASE_SHARE.1)
+            Self { share: crease.share * (1.0 - view.tan).max(0.0), ..crease }
         } else {
             // The ray that touches the rounding meets the face's plane inside the edge.
-            (touching_share(view) + SILHOUETTE_SHARE.0, SILHOUETTE_SHARE.1)
-        };
-        Self { share, share_sigma }
+            Self { share: touching_share(view) + silhouette.share, ..silhouette }
+        }
     }
 }
 
