@@ -9,19 +9,33 @@ use crate::units::Estimate;
 use crate::warning::{Warning, WarningKind};
 use nalgebra::{Matrix3, Vector3};
 
-/// Pieces of a side, each with a place of its own: what is longer than a twelfth of the side is seen.
+/// Pieces of a side, each with a place of its own: what is longer than a twelfth of the side is seen. Fewest pieces for a bow.
 const PIECES: usize = 12;
-/// Fewest points in a piece, fewest pieces for a bow.
-const LEAST_POINTS: usize = 3;
 const LEAST_PIECES: usize = 5;
 
 /// What a bow's square over its variance may be on a straight side: one sound face in a thousand has a side with more. Student's
 /// distribution, two-sided, 1 in 4,000, with 2, 3 ... 9 degrees of freedom: those of 5 ([`LEAST_PIECES`]), 6 ... 12 pieces.
 const LIMITS: [f64; PIECES - LEAST_PIECES + 1] = [3998.2, 424.5, 151.6, 85.3, 59.4, 46.4, 38.9, 34.0];
-/// A smaller bow is not worth a word: sides are meant to be good to this, mm.
-const WORTH_MM: f64 = 1.0;
-/// Least sigma of a bow, mm: pieces that agree by chance do not make one certain.
-const LEAST_SIGMA_MM: f64 = 0.01;
+/// What is told of a side's straightness.
+#[derive(Clone, Copy, Debug)]
+struct StraightnessSettings {
+    /// Fewest points in a piece: of three a scatter is known. More leaves a short side without enough pieces.
+    least_points: usize,
+    /// A smaller bow is not worth a word: sides are meant to be good to this, mm. More keeps silent on bows that matter.
+    worth_mm: f64,
+    /// Least sigma of a bow, mm: pieces that agree by chance do not make one certain. More misses small bows of a smooth side.
+    least_sigma_mm: f64,
+}
+
+impl StraightnessSettings {
+    const DEFAULT: Self = Self { least_points: 3, worth_mm: 1.0, least_sigma_mm: 0.01 };
+}
+
+impl Default for StraightnessSettings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
 
 /// One side.
 #[derive(Clone, Copy, Debug, Default)]
@@ -35,23 +49,26 @@ pub(super) struct Side {
 
 /// The four sides of a fit, in the order of [`crate::face::outline::SIDES`]. What is not seen well enough is straight.
 pub(super) fn of_sides(fit: &FittedRectangle) -> [Side; 4] {
+    let settings = StraightnessSettings::default();
     std::array::from_fn(|side| {
-        let pieces = pieces(fit, side);
+        let pieces = pieces(fit, side, settings.least_points);
         if pieces.len() >= LEAST_PIECES { of_pieces(&pieces).unwrap_or_default() } else { Side::default() }
     })
 }
 
 /// The bow of the side that bows most, if it is one beyond waves and noise.
 pub(super) fn bowed(sides: &[Side; 4]) -> Option<Warning> {
-    let most = sides.iter().filter_map(Side::bowed).max_by(|p, q| p.found.abs().total_cmp(&q.found.abs()));
-    most.filter(|bow| bow.found.abs() > WORTH_MM)
+    let settings = StraightnessSettings::default();
+    let bowed = sides.iter().filter_map(|side| side.bowed(settings.least_sigma_mm));
+    let most = bowed.max_by(|p, q| p.found.abs().total_cmp(&q.found.abs()));
+    most.filter(|bow| bow.found.abs() > settings.worth_mm)
 }
 
 impl Side {
-    fn bowed(&self) -> Option<Warning> {
+    fn bowed(&self, least_sigma_mm: f64) -> Option<Warning> {
         let limit = *LIMITS.get(self.pieces.checked_sub(LEAST_PIECES)?)?;
         let Estimate { value_mm, sigma_mm } = self.reported.sagitta;
-        let sigma = sigma_mm.max(LEAST_SIGMA_MM);
+        let sigma = sigma_mm.max(least_sigma_mm);
         let chi_square = (value_mm / sigma).powi(2);
         let bow =
             Warning { kind: WarningKind::SideBowed, laser: None, found: value_mm, sigma, chi_square, limit };
@@ -66,7 +83,7 @@ struct Piece {
     outwards: Estimate,
 }
 
-fn pieces(fit: &FittedRectangle, side: usize) -> Vec<Piece> {
+fn pieces(fit: &FittedRectangle, side: usize, least_points: usize) -> Vec<Piece> {
     let mut rows: Vec<&Row> =
         fit.rows.iter().filter(|r| r.source == Source::Edge(side) && r.robust > 0.0).collect();
     rows.sort_by(|p, q| p.along_mm.total_cmp(&q.along_mm));
@@ -82,8 +99,8 @@ fn pieces(fit: &FittedRectangle, side: usize) -> Vec<Piece> {
         let outwards = Estimate::new(mean, scatter.max(0.0).sqrt());
         Piece { at: 2.0 * (along - from) / length - 1.0, outwards }
     };
-    rows.chunks(rows.len().div_ceil(PIECES).max(LEAST_POINTS))
-        .filter(|p| p.len() >= LEAST_POINTS)
+    rows.chunks(rows.len().div_ceil(PIECES).max(least_points))
+        .filter(|p| p.len() >= least_points)
         .map(of_piece)
         .collect()
 }
