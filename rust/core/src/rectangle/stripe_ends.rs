@@ -9,7 +9,7 @@ use crate::face::extent::crossing_on_px;
 use crate::face::outline::{SIDES, outward_sign};
 use crate::face::raster::PlaneRaster;
 use crate::image::Frame;
-use crate::scene::lit;
+use crate::scene::lit::{LightSettings, StripeWidth};
 use crate::units::{LaserId, Px};
 
 /// Where the stripes of a side end, outwards from the line; that is where the line of sight touches the box.
@@ -22,33 +22,67 @@ pub(crate) struct StripeEnds {
     pub mm_per_px: f64,
 }
 
-/// The stripe is looked at from so far inside the side's line to so far beyond it, px along it.
-const LINE: usize = 60;
-const BEYOND_PX: i32 = 40;
-/// A stripe that runs on so far beyond the line must do so straight: within so many px of where it was inside.
-const RUNS_ON_PX: f64 = 4.0;
-const BENT_PX: f64 = 0.7;
-/// Fewest samples on either side of the step.
-const LEAST_INSIDE: usize = 20;
-const LEAST_BEYOND: usize = 6;
-/// Half width of a stripe's bright middle and where its surroundings begin, in half widths of its foot; bounds in px.
-const MIDDLE: (f64, f64, f64) = (0.3, 1.0, 3.0);
-const BESIDE: (f64, f64, f64) = (0.9, 4.0, 12.0);
-/// Surroundings are as wide as where the stripes' light is looked at, px.
-const BESIDE_PX: usize = lit::BESIDE_PX as usize;
-/// A step counts that is this many times the scatter of single samples and leaves less than this share of the light: of ends of
-/// rendered stripes 7 in 10 do, and where two of a side do and agree, 1 in 50 of these pairs is more than 6 px off.
-const LEAST_STEP: f64 = 2.0;
-const MOST_LEFT: f64 = 0.35;
-/// Smallest scatter of a sample that is believed, grey levels.
-const LEAST_NOISE: f64 = 0.5;
-/// Blur carries a step so far beyond the end, px, and it scatters by so much: a single one, the mean of two that agree (rendered
-/// stripes).
-const BLUR_PX: f64 = 0.6;
-const SIGMA_OF_ONE_PX: f64 = 2.0;
-const SIGMA_OF_TWO_PX: f64 = 1.2;
-/// How far two ends of a side that agree may differ, px.
-const AGREE_PX: f64 = 5.0;
+/// How a stripe's end is looked for at a line.
+#[derive(Clone, Copy, Debug)]
+struct StripeEndSettings {
+    /// The stripe is looked at from so far inside the side's line to so far beyond it, px along it. More meets print and other ends.
+    inside_px: u16,
+    beyond_px: u16,
+    /// Fewest samples inside and beyond the step. More loses ends far beyond the line, less takes a few bright or dark samples for one.
+    least_inside: usize,
+    least_beyond: usize,
+    /// Half width of the stripe's bright middle. More takes in its dimmer flanks, less scatters more.
+    middle: StripeWidth,
+    /// Where its surroundings begin. More compares with what lies on other print, less takes its own light for that of its surroundings.
+    beside: StripeWidth,
+    /// Surroundings are so wide, px.
+    surroundings_px: usize,
+    /// A stripe that runs on so far beyond the line, px ... More takes one that runs on over a neighbouring face for the face's own.
+    runs_on_px: f64,
+    /// ... must do so straight: within so many px of where it was inside. More does the same, less loses ends of faces that bow.
+    bent_px: f64,
+    /// A step counts that is this many times the scatter of single samples and leaves less than this share of the light: of ends of
+    /// rendered stripes 7 in 10 do, and where two of a side do and agree, 1 in 50 of these pairs is more than 6 px off. A higher step and a
+    /// lower share lose ends, the opposite takes print for them.
+    least_step: f64,
+    most_left: f64,
+    /// Smallest scatter of a sample that is believed, grey levels. More loses ends of faint stripes.
+    least_noise: f64,
+    /// Blur carries a step so far beyond the end, px (rendered stripes). More makes boxes smaller.
+    blur_px: f64,
+    /// By how much a single end scatters, and the mean of two that agree, px (rendered stripes). More lets ends say less.
+    sigma_of_one_px: f64,
+    sigma_of_two_px: f64,
+    /// How far two ends of a side that agree may differ, px. More takes the mean of two different things.
+    agree_px: f64,
+}
+
+impl StripeEndSettings {
+    const DEFAULT: Self = Self {
+        inside_px: 60,
+        beyond_px: 40,
+        least_inside: 20,
+        least_beyond: 6,
+        middle: StripeWidth { share: 0.3, least_px: 1.0, most_px: 3.0 },
+        beside: StripeWidth { share: 0.9, least_px: 4.0, most_px: 12.0 },
+        surroundings_px: LightSettings::DEFAULT.surroundings_px as usize,
+        runs_on_px: 4.0,
+        bent_px: 0.7,
+        least_step: 2.0,
+        most_left: 0.35,
+        least_noise: 0.5,
+        blur_px: 0.6,
+        sigma_of_one_px: 2.0,
+        sigma_of_two_px: 1.2,
+        agree_px: 5.0,
+    };
+}
+
+impl Default for StripeEndSettings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
 
 /// What the two stripes across a side's line tell; `None` if neither ends there clearly.
 pub(crate) fn find(
@@ -59,50 +93,39 @@ pub(crate) fn find(
     side: usize,
     half_width_px: f64,
 ) -> Option<StripeEnds> {
-    let ends: Vec<(f64, f64)> = SIDES[side]
-        .0
-        .stripes()
-        .into_iter()
-        .filter_map(|id| {
-            end_px(&ScanDirection::new(frame, calibration, raster, offset_mm, side, id, half_width_px)?)
-        })
-        .collect();
+    let settings = &StripeEndSettings::DEFAULT;
+    let look = Look { frame, calibration, raster, settings, half_width_px };
+    let of_stripe = |id| look.along(offset_mm, side, id)?.end_px();
+    let ends: Vec<(f64, f64)> = SIDES[side].0.stripes().into_iter().filter_map(of_stripe).collect();
     let mm_per_px = ends.iter().map(|e| e.1).sum::<f64>() / ends.len() as f64;
     let (px, sigma_px, agree) = match ends[..] {
-        [(px, _)] => (px, SIGMA_OF_ONE_PX, false),
-        [(p, _), (q, _)] if (p - q).abs() < AGREE_PX => (0.5 * (p + q), SIGMA_OF_TWO_PX, true),
+        [(px, _)] => (px, settings.sigma_of_one_px, false),
+        [(p, _), (q, _)] if (p - q).abs() < settings.agree_px => {
+            (0.5 * (p + q), settings.sigma_of_two_px, true)
+        }
         _ => return None,
     };
     Some(StripeEnds {
-        outwards_mm: (px - BLUR_PX) * mm_per_px,
+        outwards_mm: (px - settings.blur_px) * mm_per_px,
         sigma_mm: sigma_px * mm_per_px,
         agree,
         mm_per_px,
     })
 }
 
-/// The end of one stripe, px outwards from the line along the stripe, and mm across the side for each of these px.
-fn end_px(scan: &ScanDirection) -> Option<(f64, f64)> {
-    let light: Vec<f64> = scan.rows.iter().map(|row| scan.height(row)).collect();
-    let (at, inside, beyond, noise) = step(&light)?;
-    if inside - beyond <= LEAST_STEP * noise.max(LEAST_NOISE) || beyond >= MOST_LEFT * inside {
-        return None;
-    }
-    let end_px = at - LINE as f64;
-    if end_px > RUNS_ON_PX {
-        // On the face's own plane it goes straight on; on the floor or a neighbouring face it bends away.
-        let end = at as usize;
-        let from = LINE + (end - LINE) / 3;
-        if (scan.place(&scan.rows[from..end]) - scan.place(&scan.rows[..LINE])).abs() > BENT_PX {
-            return None;
-        }
-    }
-    Some((end_px, scan.mm_per_px))
+/// A picture in which stripes are looked at.
+struct Look<'a> {
+    frame: &'a Frame,
+    calibration: &'a Calibration,
+    raster: &'a PlaneRaster,
+    settings: &'a StripeEndSettings,
+    half_width_px: f64,
 }
 
 /// Laser response along the line that a stripe would take on the face's plane, from inside a side to beyond it.
-struct ScanDirection {
-    /// Across the line, one row for each px along it; the side is at [`LINE`].
+struct Scan<'a> {
+    settings: &'a StripeEndSettings,
+    /// Across the line, one row for each px along it; the side is at [`StripeEndSettings::inside_px`].
     rows: Vec<Vec<f64>>,
     /// Half widths of the bright middle and of all that is the stripe's, px.
     middle: usize,
@@ -111,25 +134,18 @@ struct ScanDirection {
     mm_per_px: f64,
 }
 
-impl ScanDirection {
-    fn new(
-        frame: &Frame,
-        calibration: &Calibration,
-        raster: &PlaneRaster,
-        offset_mm: f64,
-        side: usize,
-        id: LaserId,
-        half_width_px: f64,
-    ) -> Option<Self> {
+impl<'a> Look<'a> {
+    fn along(&self, offset_mm: f64, side: usize, id: LaserId) -> Option<Scan<'a>> {
+        let Self { frame, calibration, raster, settings, half_width_px } = *self;
         let ((across, _), sign) = (SIDES[side], outward_sign(side));
         let at =
             |beyond_mm: f64| crossing_on_px(calibration, raster, across, offset_mm + sign * beyond_mm, id);
         let mm_per_px = at(-0.5)?.distance_px(at(0.5)?).recip();
-        let bound = |(share, low, high): (f64, f64, f64)| (share * half_width_px).clamp(low, high);
-        let (middle, beside) = (bound(MIDDLE).round() as usize, bound(BESIDE).ceil() as usize);
-        let reach = (beside + BESIDE_PX) as i32;
+        let px = |width: StripeWidth| width.bounded(width.share * half_width_px);
+        let (middle, beside) = (px(settings.middle).round() as usize, px(settings.beside).ceil() as usize);
+        let reach = (beside + settings.surroundings_px) as i32;
         // Between the rows.
-        let places: Vec<Px> = (-(LINE as i32)..=BEYOND_PX + 1)
+        let places: Vec<Px> = (-i32::from(settings.inside_px)..=i32::from(settings.beyond_px) + 1)
             .map(|px| at((f64::from(px) - 0.5) * mm_per_px))
             .collect::<Option<_>>()?;
         let row = |between: &[Px]| {
@@ -142,25 +158,50 @@ impl ScanDirection {
             (-reach..=reach).map(laser_response).collect::<Option<Vec<f64>>>()
         };
         let rows = places.windows(2).map(row).collect::<Option<_>>()?;
-        Some(Self { rows, middle, beside, mm_per_px })
+        Some(Scan { settings, rows, middle, beside, mm_per_px })
+    }
+}
+
+impl Scan<'_> {
+    /// The stripe's end, px outwards from the line along the stripe, and mm across the side for each of these px.
+    fn end_px(&self) -> Option<(f64, f64)> {
+        let settings = self.settings;
+        let light: Vec<f64> = self.rows.iter().map(|row| self.height(row)).collect();
+        let (at, inside, beyond, noise) = step(&light, settings)?;
+        if inside - beyond <= settings.least_step * noise.max(settings.least_noise)
+            || beyond >= settings.most_left * inside
+        {
+            return None;
+        }
+        let end_px = at - f64::from(settings.inside_px);
+        if end_px > settings.runs_on_px {
+            // On the face's own plane it goes straight on; on the floor or a neighbouring face it bends away.
+            let (line, end) = (usize::from(settings.inside_px), at as usize);
+            let from = line + (end - line) / 3;
+            if (self.place(&self.rows[from..end]) - self.place(&self.rows[..line])).abs() > settings.bent_px {
+                return None;
+            }
+        }
+        Some((end_px, self.mm_per_px))
     }
 
     /// The darker side of a row: a label or another stripe lies on one only.
-    fn ground(row: &[f64]) -> f64 {
-        mean(&row[..BESIDE_PX]).min(mean(&row[row.len() - BESIDE_PX..]))
+    fn ground(&self, row: &[f64]) -> f64 {
+        let width = self.settings.surroundings_px;
+        mean(&row[..width]).min(mean(&row[row.len() - width..]))
     }
 
     /// Light of the bright middle over its surroundings.
     fn height(&self, row: &[f64]) -> f64 {
         let centre = row.len() / 2;
-        mean(&row[centre - self.middle..=centre + self.middle]) - Self::ground(row)
+        mean(&row[centre - self.middle..=centre + self.middle]) - self.ground(row)
     }
 
     /// Where in the rows the stripe lies on the mean, px across.
     fn place(&self, rows: &[Vec<f64>]) -> f64 {
-        let centre = self.beside + BESIDE_PX;
+        let centre = self.beside + self.settings.surroundings_px;
         let weights = (centre - self.beside..=centre + self.beside).map(|k| {
-            let light = rows.iter().map(|row| row[k] - Self::ground(row)).sum::<f64>();
+            let light = rows.iter().map(|row| row[k] - self.ground(row)).sum::<f64>();
             (k as f64 - centre as f64, light.max(0.0))
         });
         let (sum, moment) = weights.fold((0.0, 0.0), |(s, m), (k, w)| (s + w, m + w * k));
@@ -173,12 +214,13 @@ fn mean(values: &[f64]) -> f64 {
 }
 
 /// The best step in a row of samples: its place (between samples), the levels on both sides, the scatter about them.
-fn step(light: &[f64]) -> Option<(f64, f64, f64, f64)> {
+fn step(light: &[f64], settings: &StripeEndSettings) -> Option<(f64, f64, f64, f64)> {
+    let StripeEndSettings { least_inside, least_beyond, .. } = *settings;
     let total: f64 = light.iter().sum();
     let squares: f64 = light.iter().map(|l| l * l).sum();
-    let mut sum: f64 = light.iter().take(LEAST_INSIDE).sum();
+    let mut sum: f64 = light.iter().take(least_inside).sum();
     let mut best: Option<(f64, f64, f64, f64)> = None;
-    for i in LEAST_INSIDE..light.len().saturating_sub(LEAST_BEYOND) {
+    for i in least_inside..light.len().saturating_sub(least_beyond) {
         let (n, m) = (i as f64, (light.len() - i) as f64);
         let rest = squares - sum * sum / n - (total - sum).powi(2) / m;
         if best.is_none_or(|(least, ..)| rest < least) {
@@ -197,12 +239,12 @@ mod tests {
     #[test]
     fn a_step_is_found_between_its_samples() {
         let light: Vec<f64> = (0..60).map(|i| if i < 42 { 10.0 } else { 1.0 } + f64::from(i % 2)).collect();
-        let (at, inside, beyond, noise) = step(&light).expect("long enough");
+        let (at, inside, beyond, noise) = step(&light, &StripeEndSettings::DEFAULT).expect("long enough");
         assert!(
             (at - 41.5).abs() < 1e-9 && (inside - 10.5).abs() < 0.1 && (beyond - 1.5).abs() < 0.1,
             "{at}"
         );
         assert!((noise - 0.5).abs() < 0.05, "{noise}");
-        assert!(step(&[1.0; 20]).is_none());
+        assert!(step(&[1.0; 20], &StripeEndSettings::DEFAULT).is_none());
     }
 }

@@ -6,7 +6,7 @@
 //! protrudes shows the foot of its wall at the line, its edge farther out. So both stripes must jump at the line, to one height, with the
 //! foot below that edge elsewhere.
 
-use super::lit::{BESIDE_PX, red_light};
+use super::lit::{LightSettings, StripeWidth, red_light};
 use crate::calibration::Calibration;
 use crate::edges::LEAST_SCATTER;
 use crate::face::extent::crossing_on_px;
@@ -18,35 +18,87 @@ use crate::statistics::robust_sigma_f32;
 use crate::stripe::stripe_line::{ScanDirection, StripeLine};
 use crate::units::{LaserId, Px};
 
-/// Light is looked for from so far inside a side's line to so far beyond it, rows (or columns) along the stripe ...
-const INSIDE_PX: i32 = 160;
-const BEYOND_PX: i32 = 220;
-/// ... and up to so far from the stripe, px along a row: 240 mm of height at 0.7 m, 700 mm at 1.2 m.
-const REACH_ACROSS_PX: i32 = 170;
-/// Half width of a stripe's middle, and where its surroundings begin: half widths of its foot, bounds in px.
-const MIDDLE: (f64, f64, f64) = (0.3, 1.0, 5.0);
-const BESIDE: (f64, f64, f64) = (1.0, 4.0, 20.0);
-/// Light over scatter from which a row speaks for a stripe, how fast, and the bounds of what it says.
-const EVEN_ODDS_LIGHT: f32 = 1.5;
-const PER_SCATTER: f32 = 0.5;
-const LEAST_ROW: f32 = -1.5;
-const MOST_ROW: f32 = 2.0;
-/// What counts of a row's light over scatter in the mean.
-const MOST_LIGHT: f32 = 20.0;
-/// A piece has so many rows and this mean of light over scatter.
-const LEAST_ROWS: i32 = 40;
-const LEAST_MEAN: f64 = 3.0;
-/// It jumps over so much, px across the stripe, and does not lead back: where it would be at the line is at least this share of it away.
-const LEAST_JUMP_PX: f64 = 8.0;
-const LEADS_BACK: f64 = 0.5;
-/// Less height may be a neighbour's, which hides nothing, mm; more is another laser's light behind the face.
-const LEAST_HEIGHT_MM: f64 = 60.0;
-const MOST_HEIGHT_MM: f64 = 700.0;
-/// Heights of both stripes that differ by less than this share are one object's.
-const SAME_HEIGHT: f64 = 0.1;
-/// What is seen so near the line is at it, px: lines of a side that are nearer than 10 px are the same, and a piece begins some rows early
-/// or late.
-const AT_LINE_PX: f64 = 15.0;
+/// How light in front of a face is looked for, and what of it is an object's.
+#[derive(Clone, Copy, Debug)]
+struct InFrontSettings {
+    /// Light is looked for from so far inside a side's line to so far beyond it, rows (or columns) along the stripe. More takes longer and finds
+    /// what does not begin at the line.
+    inside_px: i32,
+    beyond_px: i32,
+    /// ... and up to so far from the stripe, px along a row: 240 mm of height at 0.7 m, 700 mm at 1.2 m. More takes longer and meets other
+    /// stripes.
+    reach_across_px: i32,
+    /// Half width of a stripe's middle. More takes in its dimmer flanks, less scatters more.
+    middle: StripeWidth,
+    /// Where its surroundings begin. More compares with what lies on other print, less takes its own light for that of its surroundings.
+    beside: StripeWidth,
+    /// Surroundings are so wide, px.
+    surroundings_px: i32,
+    /// Light over scatter from which a row speaks for a stripe. More loses faint light, less joins noise to a piece.
+    even_odds_light: f32,
+    /// What one more of it says. More lets single rows decide.
+    per_scatter: f32,
+    /// The bounds of what a row says. Farther from 0 a dark row ends a piece sooner, and a bright one bridges more dark ones.
+    least_row: f32,
+    most_row: f32,
+    /// What counts of a row's light over scatter in the mean. More lets a few bright rows make a piece clear.
+    most_light: f32,
+    /// A piece has so many rows and this mean of light over scatter. More misses small or dark objects, less takes noise for one.
+    least_rows: i32,
+    least_mean: f64,
+    /// It jumps over so much, px across the stripe. More misses low objects.
+    least_jump_px: f64,
+    /// ... and does not lead back: where it would be at the line is at least this share of the jump away. More takes an oblique object for a
+    /// wall that the box stands at.
+    leads_back: f64,
+    /// Less height may be a neighbour's, which hides nothing, mm; more is another laser's light behind the face. A larger range refuses faces
+    /// that nothing hides.
+    height_mm: [f64; 2],
+    /// Heights of both stripes that differ by less than this share are one object's. More takes two things for one.
+    same_height: f64,
+    /// What is seen so near the line is at it, px: lines of a side that are nearer than 10 px are the same, and a piece begins some rows early
+    /// or late. More takes what stands beside the face for what hides it.
+    at_line_px: f64,
+}
+
+impl InFrontSettings {
+    const DEFAULT: Self = Self {
+        inside_px: 160,
+        beyond_px: 220,
+        reach_across_px: 170,
+        middle: StripeWidth { share: 0.3, least_px: 1.0, most_px: 5.0 },
+        beside: StripeWidth { share: 1.0, least_px: 4.0, most_px: 20.0 },
+        surroundings_px: LightSettings::DEFAULT.surroundings_px,
+        even_odds_light: 1.5,
+        per_scatter: 0.5,
+        least_row: -1.5,
+        most_row: 2.0,
+        most_light: 20.0,
+        least_rows: 40,
+        least_mean: 3.0,
+        least_jump_px: 8.0,
+        leads_back: 0.5,
+        height_mm: [60.0, 700.0],
+        same_height: 0.1,
+        at_line_px: 15.0,
+    };
+
+    /// What a row says for a stripe; still a little more where it is brighter, so that a path keeps to the middle.
+    fn row_says(&self, light: f32) -> f32 {
+        let log_ratio = self.per_scatter * (light - self.even_odds_light);
+        if log_ratio > 0.0 {
+            log_ratio / (1.0 + log_ratio / self.most_row)
+        } else {
+            log_ratio.max(self.least_row)
+        }
+    }
+}
+
+impl Default for InFrontSettings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
 
 /// An object in front of a face.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -74,19 +126,22 @@ pub(crate) struct SideLine<'a> {
 impl SideLine<'_> {
     /// What both stripes of the side show in front of the face at its line, if they show the same.
     pub fn in_front(&self) -> Option<InFront> {
+        let settings = &InFrontSettings::DEFAULT;
         let mut found = SIDES[self.side].0.stripes().into_iter().map(|id| {
-            let strip = Strip::new(self, id)?;
+            let strip = Strip::new(self, id, settings)?;
             strip.in_front(strip.brightest()?)
         });
         let (first, second) = (found.next()??, found.next()??);
         let [p, q] = [first.height_mm, second.height_mm];
-        ((p - q).abs() < SAME_HEIGHT * p.max(q)).then_some(InFront { height_mm: 0.5 * (p + q), ..first })
+        ((p - q).abs() < settings.same_height * p.max(q))
+            .then_some(InFront { height_mm: 0.5 * (p + q), ..first })
     }
 }
 
 /// The picture beside a stripe, on the side of nearer surfaces.
 struct Strip<'a> {
     line: &'a SideLine<'a>,
+    settings: &'a InFrontSettings,
     id: LaserId,
     scan: ScanDirection,
     /// Row (or column) of each step from inside the side's line to beyond it, and where the stripe is in it.
@@ -113,7 +168,7 @@ struct Piece {
 }
 
 impl<'a> Strip<'a> {
-    fn new(line: &'a SideLine<'a>, id: LaserId) -> Option<Self> {
+    fn new(line: &'a SideLine<'a>, id: LaserId, settings: &'a InFrontSettings) -> Option<Self> {
         let SideLine { calibration, raster, half_width_px, side, offset_mm, .. } = *line;
         let at = |offset_mm: f64| crossing_on_px(calibration, raster, SIDES[side].0, offset_mm, id);
         let (start, beyond) = (at(offset_mm)?, at(offset_mm + outward_sign(side))?);
@@ -126,18 +181,18 @@ impl<'a> Strip<'a> {
         let nearer = StripeLine::new(calibration, id, &Plane::new(normal / (0.95 * distance_mm)));
         let nearer = nearer.place_at(calibration, first, scan.across(start))?;
         let factor = on_face.factor.clamp(0.3, 1.0);
-        let width = |(share, low, high): (f64, f64, f64)| {
-            (share * half_width_px / factor).clamp(low, high).round() as i32
-        };
+        let [middle, beside] = [settings.middle, settings.beside]
+            .map(|width| width.bounded(width.share * half_width_px / factor).round() as i32);
         let mut guess = scan.across(on_face.px);
-        let mut places = Vec::with_capacity((INSIDE_PX + BEYOND_PX + 1) as usize);
-        for step in -INSIDE_PX..=BEYOND_PX {
+        let steps = -settings.inside_px..=settings.beyond_px;
+        let mut places = Vec::with_capacity(steps.clone().count());
+        for step in steps {
             let row = first as i32 + outwards * step;
             guess = scan.across(stripe.place_at(calibration, f64::from(row), guess)?.px);
             places.push((row, guess.round() as i32));
         }
         let nearer = if scan.across(nearer.px) > scan.across(on_face.px) { 1 } else { -1 };
-        Some(Self { line, id, scan, places, nearer, middle: width(MIDDLE), beside: width(BESIDE), factor })
+        Some(Self { line, settings, id, scan, places, nearer, middle, beside, factor })
     }
 
     /// Nearest displacement at which light is not the stripe on the face itself.
@@ -158,9 +213,10 @@ impl<'a> Strip<'a> {
             let at = 3 * (v as usize * size[0] as usize + u as usize);
             red_light(frame, at)[0]
         };
+        let InFrontSettings { surroundings_px, reach_across_px, .. } = *self.settings;
         // Running sums from the innermost column on.
-        let inner = self.nearest() - self.beside - BESIDE_PX;
-        let columns = (inner..=REACH_ACROSS_PX + self.beside + BESIDE_PX)
+        let inner = self.nearest() - self.beside - surroundings_px;
+        let columns = (inner..=reach_across_px + self.beside + surroundings_px)
             .map(|d| centre + self.nearer * d)
             .take_while(|c| (0..columns).contains(c));
         let mut sums = vec![0.0];
@@ -174,11 +230,11 @@ impl<'a> Strip<'a> {
             Some((all - before) / (to + 1 - from) as f32)
         };
         let over_surroundings = |d: i32| {
-            let near = mean(d - self.beside - BESIDE_PX, d - self.beside)?;
-            let far = mean(d + self.beside, d + self.beside + BESIDE_PX)?;
+            let near = mean(d - self.beside - surroundings_px, d - self.beside)?;
+            let far = mean(d + self.beside, d + self.beside + surroundings_px)?;
             Some(mean(d - self.middle, d + self.middle)? - near.max(far))
         };
-        let mut light: Vec<f32> = (self.nearest()..=REACH_ACROSS_PX).map_while(over_surroundings).collect();
+        let mut light: Vec<f32> = (self.nearest()..=reach_across_px).map_while(over_surroundings).collect();
         let mut sizes: Vec<f32> = light.iter().map(|l| l.abs()).collect();
         if let Some(scatter) = robust_sigma_f32(&mut sizes) {
             light.iter_mut().for_each(|l| *l /= scatter.max(LEAST_SCATTER));
@@ -190,7 +246,7 @@ impl<'a> Strip<'a> {
     fn brightest(&self) -> Option<Piece> {
         let mut best = Piece::default();
         let mut before: Vec<Piece> = Vec::new();
-        for (step, place) in (-INSIDE_PX..).zip(&self.places) {
+        for (step, place) in (-self.settings.inside_px..).zip(&self.places) {
             let light = self.light(*place);
             let mut now = vec![Piece::default(); light.len()];
             for (d, (light, piece)) in light.iter().zip(&mut now).enumerate() {
@@ -198,7 +254,7 @@ impl<'a> Strip<'a> {
                 let last = near.iter().copied().max_by(|p, q| p.score.total_cmp(&q.score));
                 let last =
                     last.filter(|p| p.score > 0.0).unwrap_or(Piece { first: step, ..Piece::default() });
-                let score = last.score + row_says(*light);
+                let score = last.score + self.settings.row_says(*light);
                 if score > 0.0 {
                     let (s, x) = (step as f32, (d as i32 + self.nearest()) as f32);
                     *piece = Piece {
@@ -211,7 +267,7 @@ impl<'a> Strip<'a> {
                             last.sums[2] + s * s,
                             last.sums[3] + s * x,
                         ],
-                        light: last.light + light.min(MOST_LIGHT),
+                        light: last.light + light.min(self.settings.most_light),
                     };
                     if score > best.score {
                         best = *piece;
@@ -220,22 +276,24 @@ impl<'a> Strip<'a> {
             }
             before = now;
         }
-        (best.count >= LEAST_ROWS).then_some(best)
+        (best.count >= self.settings.least_rows).then_some(best)
     }
 
     /// The object that a piece lies on, if its edge is seen at the line.
     fn in_front(&self, piece: Piece) -> Option<InFront> {
         let SideLine { calibration, raster, mm_per_px, side, offset_mm, .. } = *self.line;
+        let InFrontSettings { at_line_px, height_mm: [lowest_mm, highest_mm], .. } = *self.settings;
         let n = f64::from(piece.count);
         let [s, x, ss, sx] = piece.sums.map(f64::from);
         let slope = (n * sx - s * x) / (n * ss - s * s).max(1e-9);
         let at_line = (x - slope * s) / n;
         let jump = at_line + slope * f64::from(piece.first);
-        let clear = f64::from(piece.light) >= LEAST_MEAN * n;
-        if !clear || jump * self.factor < LEAST_JUMP_PX || at_line < LEADS_BACK * jump {
+        let clear = f64::from(piece.light) >= self.settings.least_mean * n;
+        let short = jump * self.factor < self.settings.least_jump_px;
+        if !clear || short || at_line < self.settings.leads_back * jump {
             return None;
         }
-        let (row, centre) = *self.places.get((piece.first + INSIDE_PX) as usize)?;
+        let (row, centre) = *self.places.get((piece.first + self.settings.inside_px) as usize)?;
         let (row, column) = (f64::from(row), f64::from(centre) + f64::from(self.nearer) * jump);
         let at = if self.scan == ScanDirection::Rows { Px::new(column, row) } else { Px::new(row, column) };
         let edge = calibration.laser(self.id).intersect(&calibration.camera().ray_from_px(at))?;
@@ -244,15 +302,9 @@ impl<'a> Strip<'a> {
         let off_px = |on_plane| outward_sign(side) * (SIDES[side].0.offset(on_plane) - offset_mm) / mm_per_px;
         let seen_px = off_px(raster.on_plane(calibration, at)?);
         let foot_px = off_px(raster.of_cam(&Point::from_vector(edge.mm + normal * height_mm)));
-        let hides = seen_px.abs() <= AT_LINE_PX && foot_px.abs() > AT_LINE_PX;
-        (hides && (LEAST_HEIGHT_MM..MOST_HEIGHT_MM).contains(&height_mm)).then_some(InFront { height_mm, at })
+        let hides = seen_px.abs() <= at_line_px && foot_px.abs() > at_line_px;
+        (hides && (lowest_mm..highest_mm).contains(&height_mm)).then_some(InFront { height_mm, at })
     }
-}
-
-/// What a row says for a stripe; still a little more where it is brighter, so that a path keeps to the middle.
-fn row_says(light: f32) -> f32 {
-    let log_ratio = PER_SCATTER * (light - EVEN_ODDS_LIGHT);
-    if log_ratio > 0.0 { log_ratio / (1.0 + log_ratio / MOST_ROW) } else { log_ratio.max(LEAST_ROW) }
 }
 
 #[cfg(test)]

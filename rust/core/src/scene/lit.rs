@@ -20,39 +20,94 @@ use crate::statistics::{robust_sigma_f32, weighted_median_f32};
 use crate::stripe::stripe_line::ScanDirection;
 use crate::units::{LaserId, Px};
 
-/// Half width of a stripe's middle, and where its surroundings begin: half widths of its foot, bounds in px.
-const MIDDLE: (f64, f64, f64) = (0.35, 1.0, 6.0);
-const BESIDE: (f64, f64, f64) = (1.1, 5.0, 20.0);
-/// Surroundings are so wide, px; the scatter is that of so many places beyond them on both sides.
-pub(crate) const BESIDE_PX: i32 = 5;
-const SCATTER_PLACES: i32 = 6;
-/// What light is expected at least, of what a row's red would add as other rows do; and of what is left up to the picture's limit.
-const EXPECTED_SHARE: f32 = 0.35;
-const HEADROOM_SHARE: f32 = 0.7;
-/// How likely a row is that is neither lit as expected nor unlit, beside the likeliest one: print. No row says more than this leaves, 2.0.
-const PRINT_LIKELIHOOD: f32 = 0.15;
+/// A width in half widths of a stripe's foot, with bounds in px.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct StripeWidth {
+    pub share: f64,
+    pub least_px: f64,
+    pub most_px: f64,
+}
 
-/// A verdict needs odds of 150 to 1 if rows were independent; a stripe's speckle makes neighbours alike (`stripe/centres`): some 10 to 1.
-const VERDICT_LOG_ODDS: f64 = 5.0;
-/// What is looked at on both sides of a line, px along the stripe: from where blur and rounding are over to any of these, since single rows
-/// may lie on anything; and for a verdict.
-const NEAREST_PX: f64 = 6.0;
-const ENDS_PX: [f64; 4] = [12.0, 18.0, 24.0, 30.0];
-const VERDICT_PX: f64 = 18.0;
-/// Most that a stripe says: rows beside each other see the same, and a surface that bends away a little is taken for the face's.
-const MOST_LOG_ODDS: f64 = 20.0;
+impl StripeWidth {
+    pub fn bounded(&self, px: f64) -> f64 {
+        px.clamp(self.least_px, self.most_px)
+    }
+}
+
+/// How a stripe's light is looked at, and what it says.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LightSettings {
+    /// Half width of the stripe's middle. More takes in its dimmer flanks, less scatters more.
+    middle: StripeWidth,
+    /// Where its surroundings begin. More compares with what lies on other print, less takes its own light for that of its surroundings.
+    beside: StripeWidth,
+    /// Surroundings are so wide, px. More averages noise away and takes in other print.
+    pub surroundings_px: i32,
+    /// The scatter is that of so many places beyond them on both sides. More is steadier and farther away.
+    scatter_places: i32,
+    /// What light is expected at least, of what a row's red would add as other rows do. More takes dim light for none.
+    expected_share: f32,
+    /// ... and of what is left up to the picture's limit. More takes saturated rows for unlit ones.
+    headroom_share: f32,
+    /// How likely a row is that is neither lit as expected nor unlit, beside the likeliest one: print. No row says more than this leaves, 2.0.
+    /// More lets every row say less.
+    print_likelihood: f32,
+    /// What is looked at on both sides of a line, px along the stripe: from where blur and rounding are over ... More loses what ends near it.
+    pub(super) nearest_px: f64,
+    /// ... to any of these, since single rows may lie on anything. More looks past other edges.
+    ends_px: [f64; 4],
+    /// ... and for a verdict.
+    verdict_px: f64,
+    /// A verdict needs odds of 150 to 1 if rows were independent; a stripe's speckle makes neighbours alike (`stripe/centres`): some 10 to 1.
+    /// More leaves more sides without one.
+    verdict_log_odds: f64,
+    /// Most that a stripe says: rows beside each other see the same, and a surface that bends away a little is taken for the face's. More lets
+    /// such a surface overrule the networks.
+    most_log_odds: f64,
+}
+
+impl LightSettings {
+    pub const DEFAULT: Self = Self {
+        middle: StripeWidth { share: 0.35, least_px: 1.0, most_px: 6.0 },
+        beside: StripeWidth { share: 1.1, least_px: 5.0, most_px: 20.0 },
+        surroundings_px: 5,
+        scatter_places: 6,
+        expected_share: 0.35,
+        headroom_share: 0.7,
+        print_likelihood: 0.15,
+        nearest_px: 6.0,
+        ends_px: [12.0, 18.0, 24.0, 30.0],
+        verdict_px: 18.0,
+        verdict_log_odds: 5.0,
+        most_log_odds: 20.0,
+    };
+}
+
+impl Default for LightSettings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
 
 /// A stripe's line, where it crosses another line, and a place farther out.
 type Crossing<'a> = (&'a LitLine, Px, Px);
 
 /// The four stripes' lines over the frame; `None` for one that cannot be followed.
-pub(crate) struct LitLines([Option<LitLine>; 4]);
+pub(crate) struct LitLines {
+    lines: [Option<LitLine>; 4],
+    settings: LightSettings,
+}
 
 impl LitLines {
     /// On the plane of a face's stripes.
     pub fn of(frame: &Frame, calibration: &Calibration, stripes: &FaceStripes) -> Self {
-        let plane = &stripes.fit.plane;
-        Self(LaserId::ALL.map(|id| LitLine::new(frame, calibration, plane, id, stripes.half_width_px)))
+        Self::on(frame, calibration, &stripes.fit.plane, stripes.half_width_px)
+    }
+
+    fn on(frame: &Frame, calibration: &Calibration, plane: &Plane<Cam>, half_width_px: f64) -> Self {
+        let settings = LightSettings::default();
+        let line = |id| LitLine::new(frame, calibration, plane, id, half_width_px, &settings);
+        Self { lines: LaserId::ALL.map(line), settings }
     }
 
     /// Where both stripes that cross a line do so, and a mm farther out; `None` for one that cannot be followed.
@@ -66,7 +121,7 @@ impl LitLines {
         let (across, _) = SIDES[side];
         across.stripes().map(|id| {
             let at = |offset_mm: f64| crossing_on_px(calibration, raster, across, offset_mm, id);
-            Some((self.0[id.index()].as_ref()?, at(offset_mm)?, at(offset_mm + outward_sign(side))?))
+            Some((self.lines[id.index()].as_ref()?, at(offset_mm)?, at(offset_mm + outward_sign(side))?))
         })
     }
 
@@ -78,18 +133,19 @@ impl LitLines {
         side: usize,
         offset_mm: f64,
     ) -> StripeLight {
+        let LightSettings { nearest_px, ends_px, most_log_odds, .. } = self.settings;
         let of_stripe = |(line, at, beyond): Crossing<'_>| {
             // Running sums outwards or inwards, for light or against it.
             let most = |sign: f64, outwards: f64| {
-                let sum = |to: f64| sign * line.between(at, beyond, [NEAREST_PX, to].map(|px| outwards * px));
-                ENDS_PX.map(sum).into_iter().fold(0.0, f64::max).min(MOST_LOG_ODDS)
+                let sum = |to: f64| sign * line.between(at, beyond, [nearest_px, to].map(|px| outwards * px));
+                ends_px.map(sum).into_iter().fold(0.0, f64::max).min(most_log_odds)
             };
-            [most(1.0, 1.0), most(-1.0, -1.0), line.to_border(at, beyond)]
+            [most(1.0, 1.0), most(-1.0, -1.0), line.to_border(at, beyond, &self.settings)]
         };
         let crossings = self.crossings(calibration, raster, side, offset_mm);
         // A stripe that cannot be followed has no light anywhere.
         let of_crossing =
-            |crossing: Option<Crossing<'_>>| crossing.map_or([0.0, 0.0, -MOST_LOG_ODDS], of_stripe);
+            |crossing: Option<Crossing<'_>>| crossing.map_or([0.0, 0.0, -most_log_odds], of_stripe);
         let [[p, no_p, border_p], [q, no_q, border_q]] = crossings.map(of_crossing);
         StripeLight {
             beyond: [p.min(q), p.max(q)],
@@ -126,20 +182,18 @@ impl LitLines {
         side: usize,
         offset_mm: f64,
     ) -> SideLight {
+        let LightSettings { nearest_px, verdict_px, verdict_log_odds: enough, .. } = self.settings;
         let of_stripe = |(line, at, beyond): Crossing<'_>| {
             let sum = |from: f64, to: f64| line.between(at, beyond, [from, to]);
-            [sum(-VERDICT_PX, -NEAREST_PX), sum(NEAREST_PX, VERDICT_PX)]
+            [sum(-verdict_px, -nearest_px), sum(nearest_px, verdict_px)]
         };
         let crossings = self.crossings(calibration, raster, side, offset_mm);
         let stripes = crossings.map(|crossing| crossing.map(of_stripe).unwrap_or_default());
-        if stripes.iter().any(|[inside, _]| *inside < -VERDICT_LOG_ODDS) {
+        if stripes.iter().any(|[inside, _]| *inside < -enough) {
             SideLight::Contradicted
-        } else if stripes.iter().any(|[_, beyond]| *beyond > VERDICT_LOG_ODDS) {
+        } else if stripes.iter().any(|[_, beyond]| *beyond > enough) {
             SideLight::Open
-        } else if stripes
-            .iter()
-            .any(|[inside, beyond]| *inside > VERDICT_LOG_ODDS && *beyond < -VERDICT_LOG_ODDS)
-        {
+        } else if stripes.iter().any(|[inside, beyond]| *inside > enough && *beyond < -enough) {
             SideLight::Confirmed
         } else {
             SideLight::Dark
@@ -175,6 +229,7 @@ impl LitLine {
         plane: &Plane<Cam>,
         id: LaserId,
         half_width_px: f64,
+        settings: &LightSettings,
     ) -> Option<Self> {
         let (line, inner, crossing) = inner_segment(calibration, plane, id)?;
         let scan = line.scan;
@@ -186,10 +241,8 @@ impl LitLine {
         let start = line.place_at(calibration, middle_row, scan.across(crossing))?;
         let mut found = vec![Row::default(); rows];
         let spacing = 1.0 / start.factor.max(0.3);
-        let width = |(share, low, high): (f64, f64, f64)| {
-            (share * half_width_px * spacing).clamp(low, high).round() as i32
-        };
-        let (middle, beside) = (width(MIDDLE), width(BESIDE));
+        let widths = [settings.middle, settings.beside]
+            .map(|width| width.bounded(width.share * half_width_px * spacing).round() as i32);
         for outwards in [-1i32, 1] {
             let (mut guess, mut row) = (scan.across(start.px), middle_row as i32);
             while let Some(place) = (0..rows as i32)
@@ -202,7 +255,7 @@ impl LitLine {
                     break;
                 }
                 guess = here + f64::from(outwards) * place.slope;
-                found[row as usize] = look(frame, scan, row, here.round() as i32, middle, beside);
+                found[row as usize] = look(frame, scan, row, here.round() as i32, widths, settings);
                 row += outwards;
             }
         }
@@ -212,7 +265,7 @@ impl LitLine {
         sums.push(0.0);
         let mut sum = 0.0;
         for row in &found {
-            sum += row.says(share);
+            sum += row.says(share, settings);
             sums.push(sum);
         }
         let px_per_row = 1f64.hypot(start.slope);
@@ -221,12 +274,13 @@ impl LitLine {
 
     /// What speaks for light on the plane from a place to the picture's border: all rows together, less what speaks most for its having
     /// ended somewhere; `beyond` is a pixel farther out.
-    fn to_border(&self, at: Px, beyond: Px) -> f64 {
+    fn to_border(&self, at: Px, beyond: Px, settings: &LightSettings) -> f64 {
+        let LightSettings { nearest_px, most_log_odds, .. } = *settings;
         let along = self.scan.along(at);
         let outwards = (self.scan.along(beyond) - along).signum();
         let border = self.sums.len() - 1;
         let from =
-            (along + outwards * NEAREST_PX / self.px_per_row).round().clamp(0.0, border as f64) as usize;
+            (along + outwards * nearest_px / self.px_per_row).round().clamp(0.0, border as f64) as usize;
         let (mut sum, mut most, mut most_lost) = (0.0, 0.0f32, 0.0f32);
         let mut take = |row: usize| {
             sum = outwards as f32 * (self.sums[row] - self.sums[from]);
@@ -238,7 +292,7 @@ impl LitLine {
         } else {
             (0..=from).rev().for_each(&mut take)
         }
-        (f64::from(sum).min(MOST_LOG_ODDS) - f64::from(most_lost)).clamp(-MOST_LOG_ODDS, MOST_LOG_ODDS)
+        (f64::from(sum).min(most_log_odds) - f64::from(most_lost)).clamp(-most_log_odds, most_log_odds)
     }
 
     /// What the rows between two distances outwards of a place say, px along the stripe; `beyond` is a pixel farther out.
@@ -269,14 +323,15 @@ fn light_share(rows: &[Row]) -> Option<f32> {
 impl Row {
     /// How much likelier the row is if the light is on the plane, as a logarithm; `share`: what light adds to the red of a row that is lit.
     /// The tone under the stripe is not seen: it is anything between those to its left and right, for lit and for unlit what suits best.
-    fn says(&self, share: f32) -> f32 {
+    fn says(&self, share: f32, settings: &LightSettings) -> f32 {
         if !self.seen {
             return 0.0;
         }
         let [dark, bright] = [self.ambient[0].min(self.ambient[1]), self.ambient[0].max(self.ambient[1])];
         let [least, most] = [self.light[0].min(self.light[1]), self.light[0].max(self.light[1])];
-        let expected = EXPECTED_SHARE * (share * dark).min(HEADROOM_SHARE * (1.0 - bright)).max(0.0);
-        let likelihood = |off: f32| PRINT_LIKELIHOOD + (-0.5 * (off / self.scatter).powi(2)).exp();
+        let LightSettings { expected_share, headroom_share, print_likelihood, .. } = *settings;
+        let expected = expected_share * (share * dark).min(headroom_share * (1.0 - bright)).max(0.0);
+        let likelihood = |off: f32| print_likelihood + (-0.5 * (off / self.scatter).powi(2)).exp();
         let unlit = least.max(0.0) - most.min(0.0);
         (likelihood((expected - most).max(0.0)) / likelihood(unlit)).ln()
     }
@@ -292,15 +347,23 @@ pub(super) fn red_light(frame: &Frame, at: usize) -> [f32; 2] {
 }
 
 /// A row across a stripe's line; not seen near the picture's border.
-fn look(frame: &Frame, scan: ScanDirection, row: i32, centre: i32, middle: i32, beside: i32) -> Row {
+fn look(
+    frame: &Frame,
+    scan: ScanDirection,
+    row: i32,
+    centre: i32,
+    [middle, beside]: [i32; 2],
+    settings: &LightSettings,
+) -> Row {
+    let LightSettings { surroundings_px, scatter_places, .. } = *settings;
     let (width, columns) = match scan {
         ScanDirection::Rows => (frame.width_px(), frame.width_px()),
         ScanDirection::Columns => (frame.width_px(), frame.height_px()),
     };
     let step = 2 * middle + 1;
-    let reach = beside + BESIDE_PX + step * (SCATTER_PLACES + 1);
+    let reach = beside + surroundings_px + step * (scatter_places + 1);
     let inside = |c: i32| (0..columns as i32).contains(&c);
-    if !(inside(centre - beside - BESIDE_PX) && inside(centre + beside + BESIDE_PX)) {
+    if !(inside(centre - beside - surroundings_px) && inside(centre + beside + surroundings_px)) {
         return Row::default();
     }
     let at = |column: i32| match scan {
@@ -310,21 +373,21 @@ fn look(frame: &Frame, scan: ScanDirection, row: i32, centre: i32, middle: i32, 
     let red = |column: i32| red_light(frame, at(column))[0];
     let mean = |from: i32, to: i32| (from..=to).map(red).sum::<f32>() / (to - from + 1) as f32;
     let [left, right] = [
-        mean(centre - beside - BESIDE_PX, centre - beside),
-        mean(centre + beside, centre + beside + BESIDE_PX),
+        mean(centre - beside - surroundings_px, centre - beside),
+        mean(centre + beside, centre + beside + surroundings_px),
     ];
     let on_line = mean(centre - middle, centre + middle);
     let light = [left, right].map(|surroundings| on_line - surroundings);
     let unlit = (centre - middle..=centre + middle).map(|column| red_light(frame, at(column))[1]);
     let ambient = if frame.has_ambient() { [unlit.sum::<f32>() / step as f32; 2] } else { [left, right] };
     // The same at places where the stripe is not.
-    let mut others: Vec<f32> = Vec::with_capacity(2 * SCATTER_PLACES as usize);
+    let mut others: Vec<f32> = Vec::with_capacity(2 * scatter_places as usize);
     let low = (centre - reach).max(0);
     let high = (centre + reach).min(columns as i32 - 1);
     for side in [-1, 1] {
         let mut before: Option<f32> = None;
-        for place in 0..=SCATTER_PLACES {
-            let at = centre + side * (beside + BESIDE_PX + place * step + middle + 1);
+        for place in 0..=scatter_places {
+            let at = centre + side * (beside + surroundings_px + place * step + middle + 1);
             if at - middle < low || at + middle > high {
                 break;
             }
@@ -354,15 +417,13 @@ mod tests {
     /// What the light says of a line so many px outwards of the side.
     fn at(frame: &Frame, out_px: f64) -> StripeLight {
         let (calibration, raster) = face();
-        let lines =
-            LitLines(LaserId::ALL.map(|id| LitLine::new(frame, &calibration, &raster.plane, id, 8.0)));
+        let lines = LitLines::on(frame, &calibration, &raster.plane, 8.0);
         lines.at(&calibration, &raster, SIDE, OFFSET_MM + out_px * PX_MM)
     }
 
     fn verdict(frame: &Frame, out_px: f64) -> SideLight {
         let (calibration, raster) = face();
-        let lines =
-            LitLines(LaserId::ALL.map(|id| LitLine::new(frame, &calibration, &raster.plane, id, 8.0)));
+        let lines = LitLines::on(frame, &calibration, &raster.plane, 8.0);
         lines.verdict(&calibration, &raster, SIDE, OFFSET_MM + out_px * PX_MM)
     }
 
@@ -422,13 +483,13 @@ mod tests {
     fn where_the_stripes_surroundings_differ_a_row_says_what_suits_both() {
         let row = |light, ambient| Row { light, ambient, scatter: 0.01, seen: true };
         // An edge along the stripe, whose middle is as dark as one side, as bright as the other, brighter or darker than both.
-        let [dark, bright, lit, ink] =
-            [[0.0, -0.4], [0.4, 0.0], [0.5, 0.3], [-0.1, -0.5]].map(|light| row(light, [0.2, 0.6]).says(1.0));
+        let [dark, bright, lit, ink] = [[0.0, -0.4], [0.4, 0.0], [0.5, 0.3], [-0.1, -0.5]]
+            .map(|light| row(light, [0.2, 0.6]).says(1.0, &LightSettings::DEFAULT));
         assert!(
             dark < -1.5 && bright.abs() < 0.1 && lit > 1.5 && ink.abs() < 0.1,
             "{dark} {bright} {lit} {ink}"
         );
-        assert_eq!(Row { seen: false, ..row([0.5; 2], [0.2; 2]) }.says(1.0), 0.0);
+        assert_eq!(Row { seen: false, ..row([0.5; 2], [0.2; 2]) }.says(1.0, &LightSettings::DEFAULT), 0.0);
     }
 
     #[test]
