@@ -11,17 +11,41 @@ use crate::reject::Reject;
 use crate::units::Px;
 use crate::view::SideOdds;
 
-/// Logarithm of the odds that a side is cut off: a constant, and the weights of the logarithm of the probability that the network of sides
-/// gives it to be outside the picture, of what the light says, and of the logarithm of the odds that the map of faces gives what is beyond.
+/// Logarithm of the odds that a side is cut off: a constant, and a weight for each of three clues.
 /// Of twenty faces one is taken to be cut, at one side (an assumption). Fitted to 6,178 right sides of the learning and choosing seeds and to
 /// 57 lines within cut faces of the learning seeds; left out in tenths, 1.5 % of the right ones and all of the others are cut off with a
 /// probability of 0.01 or more (`training/weights_cut.py`).
-const CUT: [f64; 4] = [4.17, 1.10, 0.052, 0.73];
-const LEAST_NOT_IN_VIEW: f64 = 1e-5;
-const LEAST_MASK: f64 = 1e-3;
+#[derive(Clone, Copy, Debug)]
+struct CutWeights {
+    /// More refuses more faces that are whole, less measures more that are cut.
+    constant: f64,
+    /// Of the logarithm of the probability that the network of sides gives the side to be outside the picture, and the least one that is
+    /// believed, which bounds what the network can say against it.
+    by_network: f64,
+    least_not_in_view: f64,
+    /// Of what the light says.
+    by_light: f64,
+    /// Of the logarithm of the odds that the map of faces gives what is beyond, and the least share on either hand that is believed.
+    by_mask: f64,
+    least_mask: f64,
+}
 
-/// A side that is outside the picture more likely than not is said to be.
-const SAID: f64 = 0.5;
+impl CutWeights {
+    const DEFAULT: Self = Self {
+        constant: 4.17,
+        by_network: 1.10,
+        least_not_in_view: 1e-5,
+        by_light: 0.052,
+        by_mask: 0.73,
+        least_mask: 1e-3,
+    };
+}
+
+impl Default for CutWeights {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
 
 /// A face along an outline, and what tells whether it is whole. `wide` are the stripes followed as far as they go.
 pub(crate) struct Seen<'a> {
@@ -53,7 +77,8 @@ impl CutSides {
 
     /// Why a face that is not sure is not, if the picture cuts it.
     pub fn refusal(&self) -> Option<Reject> {
-        let cut = || (0..4usize).filter(|side| self.probabilities[*side] >= SAID);
+        // More likely than not.
+        let cut = || (0..4usize).filter(|side| self.probabilities[*side] >= 0.5);
         let likeliest = cut().max_by(|i, j| self.probabilities[*i].total_cmp(&self.probabilities[*j]))?;
         Some(Reject::FaceCutByBorder { sides_cut: cut().count() as u8, at: self.border[likeliest]? })
     }
@@ -78,7 +103,7 @@ impl Seen<'_> {
         let light = self.lit.at(calibration, raster, side, offset_mm);
         let size = [calibration.width_px(), calibration.height_px()];
         (
-            cut(self.odds.not_in_view(side), light.to_border, f64::from(mask)),
+            CutWeights::DEFAULT.cut(self.odds.not_in_view(side), light.to_border, f64::from(mask)),
             line.map(|(at, outwards)| border(at, outwards, size)),
         )
     }
@@ -94,13 +119,15 @@ fn border(at: Px, outwards: [f64; 2], size: [u32; 2]) -> Px {
     Px::new(at.u + px * outwards[0], at.v + px * outwards[1])
 }
 
-/// Probability that a side is outside the picture.
-fn cut(not_in_view: f64, to_border: f64, mask: f64) -> f64 {
-    let [constant, by_network, by_light, by_mask] = CUT;
-    let network = (not_in_view.max(0.0) + LEAST_NOT_IN_VIEW).ln();
-    let mask = ((mask + LEAST_MASK) / (1.0 - mask + LEAST_MASK)).ln();
-    let logit = constant + by_network * network + by_light * to_border + by_mask * mask;
-    1.0 / (1.0 + (-logit).exp())
+impl CutWeights {
+    /// Probability that a side is outside the picture.
+    fn cut(&self, not_in_view: f64, to_border: f64, mask: f64) -> f64 {
+        let network = (not_in_view.max(0.0) + self.least_not_in_view).ln();
+        let mask = ((mask + self.least_mask) / (1.0 - mask + self.least_mask)).ln();
+        let logit =
+            self.constant + self.by_network * network + self.by_light * to_border + self.by_mask * mask;
+        1.0 / (1.0 + (-logit).exp())
+    }
 }
 
 #[cfg(test)]
@@ -109,6 +136,7 @@ mod tests {
 
     #[test]
     fn what_looks_like_a_side_is_none_if_face_and_light_go_on_to_the_border() {
+        let cut = |not_in_view, to_border, mask| CutWeights::default().cut(not_in_view, to_border, mask);
         let right = cut(1e-5, -20.0, 0.0);
         assert!(right < 1e-4, "{right}");
         // A flush neighbour that reaches the border: the networks see the seam as well as any side.
