@@ -8,37 +8,74 @@
 //!   last, of cardboard.
 
 use super::refine::FittedRectangle;
-use super::rounding::{self, EdgeProfile};
+use super::rounding::{self, EdgeProfile, RoundingSettings};
 use super::side_view::{Correction, Rule, SideView, middle, normal, outwards, touching_share};
 use super::stripe_ends::{self, StripeEnds};
 use crate::calibration::Calibration;
 use crate::face::extent::FaceStripes;
 use crate::face::outline::SIDES;
-use crate::frames::Plane;
+use crate::frames::{Plane, Point};
 use crate::image::Frame;
 use crate::statistics::{median, robust_sigma, tukey_weight};
 use crate::stripe::centres::{CentreSettings, find_centres};
 use crate::stripe::stripe_line::{ScanDirection, StripeLine};
 use crate::units::{LaserId, Px};
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::{Matrix2, Vector2, Vector3};
+use std::ops::Range;
 
 /// Mean radius of cardboard's edges (0.5 to 4 mm, PHYSICS.md, every scale alike).
 pub(crate) const USUAL_RADIUS_MM: f64 = 1.7;
-/// Stripe points up to this far behind the face are used, mm: nearer ones lie on the rounding, farther ones only tell of
-/// the neighbouring face's own angle.
-const DEPTH_MM: (f64, f64) = (5.0, 120.0);
-/// Squareness of cartons, rad, 1 sigma: half a degree.
-const SQUARE_RAD: f64 = 0.009;
-/// The stripes beyond the edge are followed this far, px.
-const FOLLOW_PX: f64 = 400.0;
-/// The sharp edge lies within this range outside the image's edge, mm: more than the largest radius is another surface.
-const RANGE_MM: (f64, f64) = (-1.5, 4.5);
-/// Texture moves single centres by this much, px.
-const TEXTURE_PX: f64 = 0.2;
-/// Fewest stripe points that count as a surface.
-const MIN_POINTS: usize = 8;
-/// What remains of a measured side, mm: flatness of the neighbouring face near the edge.
-const FLATNESS_MM: f64 = 0.15;
+/// Which stripe points beyond a side tell of its sharp edge, and when stripes' ends contradict its line.
+#[derive(Clone, Copy, Debug)]
+struct SharpEdgeSettings {
+    /// Stripe points so far behind the face are used, mm: nearer ones lie on the rounding, farther ones only tell of
+    /// the neighbouring face's own angle. A larger range takes the rounding, or another surface, for that face.
+    depth_mm: [f64; 2],
+    /// Squareness of cartons, rad, 1 sigma: half a degree. More lets the points' own slope decide, less lets a skewed box move its side.
+    square_rad: f64,
+    /// The stripes beyond the edge are followed this far, px. More takes longer.
+    follow_px: f64,
+    /// The sharp edge lies within this range outside the image's edge, mm: more than the largest radius is another surface, which a larger
+    /// range takes for the neighbouring face.
+    range_mm: [f64; 2],
+    /// Texture moves single centres by this much, px. More lets the stripes say less.
+    texture_px: f64,
+    /// Fewest stripe points that count as a surface. More loses narrow neighbouring faces.
+    least_points: usize,
+    /// What remains of a measured side, mm: flatness of the neighbouring face near the edge. More lets the stripes say less.
+    flatness_mm: f64,
+    /// Both ends of a side want it elsewhere if that is farther than this many sigmas and px: edges and ends scatter by 1 to 2 px. More keeps
+    /// a side that lies on print.
+    misplaced_sigmas: f64,
+    misplaced_px: f64,
+    /// Beyond a crease with a greater tangent of the view a stripe may run on along nearly the same line in the picture. More takes its end on
+    /// the neighbouring face for that of the face.
+    steep_tan: f64,
+    /// How far a seam between flush boxes is from both sharp edges, mm, 1 sigma. More makes intervals too wide.
+    seam_mm: f64,
+}
+
+impl SharpEdgeSettings {
+    const DEFAULT: Self = Self {
+        depth_mm: [5.0, 120.0],
+        square_rad: 0.009,
+        follow_px: 400.0,
+        range_mm: [-1.5, 4.5],
+        texture_px: 0.2,
+        least_points: 8,
+        flatness_mm: 0.15,
+        misplaced_sigmas: 3.0,
+        misplaced_px: 4.0,
+        steep_tan: 0.15,
+        seam_mm: 0.3,
+    };
+}
+
+impl Default for SharpEdgeSettings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
 
 /// What is known of the four sides, in the order of [`SIDES`].
 pub(crate) struct Sharpened {
@@ -46,11 +83,6 @@ pub(crate) struct Sharpened {
     /// How far outwards, mm, the stripes' ends want each side; 0 where they are not far from its line.
     pub misplaced_mm: [f64; 4],
 }
-
-/// Both ends of a side want it elsewhere if that is farther than this many sigmas and px: edges and ends scatter by 1 to 2 px.
-const MISPLACED: (f64, f64) = (3.0, 4.0);
-/// Beyond a crease with a greater tangent of the view a stripe may run on along nearly the same line in the picture.
-const STEEP_TAN: f64 = 0.15;
 
 /// Finds the way from the fitted lines to the sharp edges; `keep_out` are places with laser light.
 pub(crate) fn sharpen(
@@ -61,61 +93,50 @@ pub(crate) fn sharpen(
     at_ends: &[bool; 4],
     keep_out: &[(Px, f64)],
 ) -> Sharpened {
+    let (rounding, settings) = (RoundingSettings::default(), SharpEdgeSettings::default());
     let views = views(calibration, fit);
     let rules = views.map(|view| Rule::new(&view));
     let mut tables = [0, 1, 2, 3].map(|side| {
         let view = &views[side];
         let profile =
-            at_ends[side].then(|| rounding::profile(frame, calibration, fit, side, view, keep_out))??;
-        rounding::explain(&profile, &rules[side], view)
+            at_ends[side].then(|| rounding.profile(frame, calibration, fit, side, view, keep_out))??;
+        rounding.explain(&profile, &rules[side], view)
     });
-    let by_shading = rounding::corrections(&rules, &views, &tables);
+    let by_shading = rounding.corrections(&rules, &views, &tables);
     let mut misplaced_mm = [0.0; 4];
     let mut contradicted = [None; 4];
     for side in 0..4 {
-        let Some(ends) = stripe_ends::find(
-            frame,
-            calibration,
-            &fit.raster,
-            fit.offsets_mm[side],
-            side,
-            face.half_width_px,
-        ) else {
-            continue;
-        };
-        let off_mm = off_mm(&ends, &by_shading[side], &views[side]);
-        let far = off_mm.abs() > MISPLACED.0 * by_shading[side].sigma_mm.hypot(ends.sigma_mm);
-        if far && ends.agree && off_mm.abs() > MISPLACED.1 * ends.mm_per_px {
+        let offset_mm = fit.offsets_mm[side];
+        let ends = stripe_ends::find(frame, calibration, &fit.raster, offset_mm, side, face.half_width_px);
+        let Some(ends) = ends else { continue };
+        let off_mm = settings.off_mm(&ends, &by_shading[side], &views[side]);
+        let sigma_mm = by_shading[side].sigma_mm.hypot(ends.sigma_mm);
+        let far = off_mm.abs() > settings.misplaced_sigmas * sigma_mm;
+        if far && ends.agree && off_mm.abs() > settings.misplaced_px * ends.mm_per_px {
             misplaced_mm[side] = off_mm;
         }
         if far {
             contradicted[side] = Some(off_mm);
         } else if at_ends[side] {
-            let explained = rounding::explain_ends(&ends, &rules[side], &views[side]);
+            let explained = rounding.explain_ends(&ends, &rules[side], &views[side]);
             tables[side] = Some(tables[side].map_or(explained, |table| table + explained));
         }
     }
-    let expected = rounding::corrections(&rules, &views, &tables);
+    let expected = rounding.corrections(&rules, &views, &tables);
     let corrections = [0, 1, 2, 3].map(|side| {
         if !at_ends[side] {
             // A seam between flush boxes is dark where both roundings meet: at the sharp edge.
-            return Correction { outwards_mm: 0.0, sigma_mm: 0.3, by_radius_mm: 0.0 };
+            return Correction { outwards_mm: 0.0, sigma_mm: settings.seam_mm, by_radius_mm: 0.0 };
         }
         if let Some(off_mm) = contradicted[side] {
             return between(expected[side], off_mm);
         }
-        match from_stripes(frame, calibration, face, fit, side) {
+        match settings.from_stripes(frame, calibration, face, fit, side) {
             Some((outwards_mm, sigma_mm)) => combine(expected[side], outwards_mm, sigma_mm),
             None => expected[side],
         }
     });
     Sharpened { corrections, misplaced_mm }
-}
-
-/// How far outwards of the expected sharp edge the stripes' ends want it, mm.
-fn off_mm(ends: &StripeEnds, expected: &Correction, view: &SideView) -> f64 {
-    let off_mm = ends.outwards_mm + touching_share(view) * USUAL_RADIUS_MM - expected.outwards_mm;
-    if view.tan > STEEP_TAN { off_mm.min(0.0) } else { off_mm }
 }
 
 /// Edge and stripes contradict each other: either may be right.
@@ -138,11 +159,12 @@ pub(crate) fn from_shading(
     fit: &FittedRectangle,
     profiles: &[Option<EdgeProfile>; 4],
 ) -> [Correction; 4] {
+    let rounding = RoundingSettings::default();
     let views = views(calibration, fit);
     let rules = views.map(|view| Rule::new(&view));
     let tables =
-        [0, 1, 2, 3].map(|side| rounding::explain(profiles[side].as_ref()?, &rules[side], &views[side]));
-    rounding::corrections(&rules, &views, &tables)
+        [0, 1, 2, 3].map(|side| rounding.explain(profiles[side].as_ref()?, &rules[side], &views[side]));
+    rounding.corrections(&rules, &views, &tables)
 }
 
 /// Weighted mean of what shading and radius tell and what the stripes measured.
@@ -155,28 +177,6 @@ pub(crate) fn combine(expected: Correction, outwards_mm: f64, sigma_mm: f64) -> 
     }
 }
 
-/// The side's place from stripe points beyond it, outwards from the image's edge, and its sigma, mm.
-fn from_stripes(
-    frame: &Frame,
-    calibration: &Calibration,
-    face: &FaceStripes,
-    fit: &FittedRectangle,
-    side: usize,
-) -> Option<(f64, f64)> {
-    let (across, _) = SIDES[side];
-    let (out, at) = (outwards(fit, side), middle(fit, side));
-    if -at.dot(&out) <= 0.0 {
-        return None; // the neighbouring surface faces away
-    }
-    // The surface at a right angle through the side.
-    let neighbour = Plane::new(out / out.dot(&at));
-    let mut samples = Vec::new();
-    for id in across.stripes() {
-        collect(frame, calibration, face, fit, side, id, &neighbour, &mut samples);
-    }
-    robust_line(&samples)
-}
-
 /// A stripe point beyond the edge.
 struct Sample {
     /// Place across the side, outwards from the image's edge, mm.
@@ -186,99 +186,139 @@ struct Sample {
     sigma_mm: f64,
 }
 
-#[allow(clippy::too_many_arguments)] // one call, all of it needed
-fn collect(
-    frame: &Frame,
-    calibration: &Calibration,
-    face: &FaceStripes,
-    fit: &FittedRectangle,
-    side: usize,
-    id: LaserId,
-    neighbour: &Plane<crate::frames::Cam>,
-    samples: &mut Vec<Sample>,
-) -> Option<()> {
-    let (across, _) = SIDES[side];
-    let along = fit.along_side_mm(calibration, id, side)?;
-    let end = fit.raster.pixel(calibration, across.at(fit.offsets_mm[side], along))?;
-    let line = StripeLine::new(calibration, id, neighbour);
-    let place = |p: Px| match line.scan {
-        ScanDirection::Rows => p.v,
-        ScanDirection::Columns => p.u,
-    };
-    // Outwards is where a point a little behind the face, on the neighbouring surface, appears.
-    let laser = calibration.laser(id);
-    let out = outwards(fit, side);
-    let behind = {
-        let edge = fit.raster.cam_point(across.at(fit.offsets_mm[side], along)).mm;
-        // On the laser's plane and the neighbouring surface: their common direction.
-        let direction = laser.per_mm.cross(&out).try_normalize(1e-9)?;
-        let direction = if direction.dot(&normal(fit)) > 0.0 { direction } else { -direction };
-        calibration.camera().px_from_point(&crate::frames::Point::from_vector(edge + direction * 10.0))?
-    };
-    let (from, to) = (place(end), place(behind));
-    if (to - from).abs() < 1.0 {
-        return None;
+impl SharpEdgeSettings {
+    /// How far outwards of the expected sharp edge the stripes' ends want it, mm.
+    fn off_mm(&self, ends: &StripeEnds, expected: &Correction, view: &SideView) -> f64 {
+        let off_mm = ends.outwards_mm + touching_share(view) * USUAL_RADIUS_MM - expected.outwards_mm;
+        if view.tan > self.steep_tan { off_mm.min(0.0) } else { off_mm }
     }
-    let range = if to > from { from..from + FOLLOW_PX } else { from - FOLLOW_PX..from };
-    let start = line.px_at(calibration, range.start.max(0.0), line.scan.across(end))?.0;
-    let settings = CentreSettings { half_width_px: face.half_width_px, ..CentreSettings::default() };
-    let inside = normal(fit);
-    let reference = middle(fit, side);
-    for found in
-        find_centres(frame, calibration, &line, range, start, &settings).iter().filter_map(|p| p.found)
-    {
-        let coordinate = |px: Px| {
-            let x = laser.intersect(&calibration.camera().ray_from_px(px))?.mm - reference;
-            Some((x.dot(&out), x.dot(&inside)))
-        };
-        let (outwards_mm, depth_mm) = coordinate(found.at)?;
-        if !(DEPTH_MM.0..DEPTH_MM.1).contains(&depth_mm) {
-            continue;
+
+    /// The side's place from stripe points beyond it, outwards from the image's edge, and its sigma, mm.
+    fn from_stripes(
+        &self,
+        frame: &Frame,
+        calibration: &Calibration,
+        face: &FaceStripes,
+        fit: &FittedRectangle,
+        side: usize,
+    ) -> Option<(f64, f64)> {
+        let (across, _) = SIDES[side];
+        let (out, at) = (outwards(fit, side), middle(fit, side));
+        if -at.dot(&out) <= 0.0 {
+            return None; // the neighbouring surface faces away
         }
-        let moved = match line.scan {
-            ScanDirection::Rows => Px::new(found.at.u + 1.0, found.at.v),
-            ScanDirection::Columns => Px::new(found.at.u, found.at.v + 1.0),
-        };
-        let per_px = (coordinate(moved)?.0 - outwards_mm).abs();
-        let sigma_mm = per_px * found.sigma_px.hypot(TEXTURE_PX);
-        samples.push(Sample { outwards_mm, depth_mm, sigma_mm: sigma_mm.max(1e-3) });
+        let half_width_px = face.half_width_px;
+        let beyond = Beyond { frame, calibration, fit, side, out, half_width_px, settings: self };
+        let mut samples = Vec::new();
+        for id in across.stripes() {
+            beyond.collect(id, &mut samples);
+        }
+        self.robust_line(&samples)
     }
-    Some(())
+
+    /// Place of the surface at the face's depth: a robust line over the depth with a prior on its slope (squareness).
+    fn robust_line(&self, samples: &[Sample]) -> Option<(f64, f64)> {
+        let near = |s: &&Sample| {
+            let spread = self.square_rad * s.depth_mm + 3.0 * s.sigma_mm;
+            s.outwards_mm > self.range_mm[0] - spread && s.outwards_mm < self.range_mm[1] + spread
+        };
+        let samples: Vec<&Sample> = samples.iter().filter(near).collect();
+        if samples.len() < self.least_points {
+            return None;
+        }
+        let mut state = Vector2::new(median(samples.iter().map(|s| s.outwards_mm))?, 0.0);
+        let mut covariance = Matrix2::zeros();
+        let mut used = 0.0;
+        let mut scale = 1.0;
+        for _ in 0..10 {
+            let residual = |s: &Sample| (s.outwards_mm - state.x - state.y * s.depth_mm) / s.sigma_mm;
+            scale = robust_sigma(samples.iter().map(|s| residual(s)))?.max(1.0);
+            let mut information = Matrix2::new(0.0, 0.0, 0.0, self.square_rad.powi(-2));
+            let mut right = Vector2::zeros();
+            used = 0.0;
+            for s in &samples {
+                let robust = tukey_weight(residual(s) / scale);
+                let weight = robust / (s.sigma_mm * scale).powi(2);
+                let row = Vector2::new(1.0, s.depth_mm);
+                information += row * row.transpose() * weight;
+                right += row * (weight * s.outwards_mm);
+                used += robust;
+            }
+            covariance = information.try_inverse()?;
+            state = covariance * right;
+        }
+        // Neighbouring points share texture: one in two is independent.
+        let sigma = (2.0 * covariance[(0, 0)]).sqrt().hypot(self.flatness_mm);
+        let good = used >= self.least_points as f64
+            && scale < 4.0
+            && state.x > self.range_mm[0]
+            && state.x < self.range_mm[1];
+        good.then_some((state.x, sigma))
+    }
 }
 
-/// Place of the surface at the face's depth: a robust line over the depth with a prior on its slope (squareness).
-fn robust_line(samples: &[Sample]) -> Option<(f64, f64)> {
-    let near = |s: &&Sample| {
-        let spread = SQUARE_RAD * s.depth_mm + 3.0 * s.sigma_mm;
-        s.outwards_mm > RANGE_MM.0 - spread && s.outwards_mm < RANGE_MM.1 + spread
-    };
-    let samples: Vec<&Sample> = samples.iter().filter(near).collect();
-    if samples.len() < MIN_POINTS {
-        return None;
-    }
-    let mut state = Vector2::new(median(samples.iter().map(|s| s.outwards_mm))?, 0.0);
-    let mut covariance = Matrix2::zeros();
-    let mut used = 0.0;
-    let mut scale = 1.0;
-    for _ in 0..10 {
-        let residual = |s: &Sample| (s.outwards_mm - state.x - state.y * s.depth_mm) / s.sigma_mm;
-        scale = robust_sigma(samples.iter().map(|s| residual(s)))?.max(1.0);
-        let mut information = Matrix2::new(0.0, 0.0, 0.0, SQUARE_RAD.powi(-2));
-        let mut right = Vector2::zeros();
-        used = 0.0;
-        for s in &samples {
-            let robust = tukey_weight(residual(s) / scale);
-            let weight = robust / (s.sigma_mm * scale).powi(2);
-            let row = Vector2::new(1.0, s.depth_mm);
-            information += row * row.transpose() * weight;
-            right += row * (weight * s.outwards_mm);
-            used += robust;
+/// The surface at a right angle to the face through a side.
+struct Beyond<'a> {
+    frame: &'a Frame,
+    calibration: &'a Calibration,
+    fit: &'a FittedRectangle,
+    side: usize,
+    /// Its normal, away from the face.
+    out: Vector3<f64>,
+    half_width_px: f64,
+    settings: &'a SharpEdgeSettings,
+}
+
+impl Beyond<'_> {
+    /// Adds the points of a stripe on it.
+    fn collect(&self, id: LaserId, samples: &mut Vec<Sample>) -> Option<()> {
+        let Self { calibration, fit, side, out, settings, .. } = *self;
+        let reference = middle(fit, side);
+        let line = StripeLine::new(calibration, id, &Plane::new(out / out.dot(&reference)));
+        let (range, start) = self.range(id, &line)?;
+        let centres = CentreSettings { half_width_px: self.half_width_px, ..CentreSettings::default() };
+        let (laser, inside) = (calibration.laser(id), normal(fit));
+        let found = find_centres(self.frame, calibration, &line, range, start, &centres);
+        for found in found.iter().filter_map(|p| p.found) {
+            let coordinate = |px: Px| {
+                let x = laser.intersect(&calibration.camera().ray_from_px(px))?.mm - reference;
+                Some((x.dot(&out), x.dot(&inside)))
+            };
+            let (outwards_mm, depth_mm) = coordinate(found.at)?;
+            if !(settings.depth_mm[0]..settings.depth_mm[1]).contains(&depth_mm) {
+                continue;
+            }
+            let moved = match line.scan {
+                ScanDirection::Rows => Px::new(found.at.u + 1.0, found.at.v),
+                ScanDirection::Columns => Px::new(found.at.u, found.at.v + 1.0),
+            };
+            let per_px = (coordinate(moved)?.0 - outwards_mm).abs();
+            let sigma_mm = per_px * found.sigma_px.hypot(settings.texture_px);
+            samples.push(Sample { outwards_mm, depth_mm, sigma_mm: sigma_mm.max(1e-3) });
         }
-        covariance = information.try_inverse()?;
-        state = covariance * right;
+        Some(())
     }
-    // Neighbouring points share texture: one in two is independent.
-    let sigma = (2.0 * covariance[(0, 0)]).sqrt().hypot(FLATNESS_MM);
-    let good = used >= MIN_POINTS as f64 && scale < 4.0 && state.x > RANGE_MM.0 && state.x < RANGE_MM.1;
-    good.then_some((state.x, sigma))
+
+    /// Where along its walk a stripe is followed from the side outwards, and a pixel of its line there.
+    fn range(&self, id: LaserId, line: &StripeLine) -> Option<(Range<f64>, Px)> {
+        let Self { calibration, fit, side, out, .. } = *self;
+        let (across, _) = SIDES[side];
+        let along = fit.along_side_mm(calibration, id, side)?;
+        let on_side = across.at(fit.offsets_mm[side], along);
+        let end = fit.raster.pixel(calibration, on_side)?;
+        // Outwards is where a point a little behind the face, on the neighbouring surface, appears: on the laser's plane too, thus along
+        // their common direction.
+        let direction = calibration.laser(id).per_mm.cross(&out).try_normalize(1e-9)?;
+        let direction = if direction.dot(&normal(fit)) > 0.0 { direction } else { -direction };
+        let behind = Point::from_vector(fit.raster.cam_point(on_side).mm + direction * 10.0);
+        let behind = calibration.camera().px_from_point(&behind)?;
+        let (from, to) = (line.scan.along(end), line.scan.along(behind));
+        if (to - from).abs() < 1.0 {
+            return None;
+        }
+        let follow_px = self.settings.follow_px;
+        let range = if to > from { from..from + follow_px } else { from - follow_px..from };
+        let start = line.px_at(calibration, range.start.max(0.0), line.scan.across(end))?.0;
+        Some((range, start))
+    }
 }
