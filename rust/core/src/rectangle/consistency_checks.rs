@@ -18,31 +18,53 @@ use crate::units::LaserId;
 use crate::warning::{Warning, WarningKind};
 use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, SVector, Vector3};
 
-/// What one sound face in a thousand exceeds: quantiles of chi-square with 1 and 4 degrees of freedom.
+/// What one sound face in a thousand exceeds: quantiles of chi-square at 0.999 with 1, 3 and 4 degrees of freedom.
 const LIMIT_1: f64 = 10.83;
-const LIMIT_4: f64 = 18.47;
-/// ... and with 3.
 const LIMIT_3: f64 = 16.27;
-/// Ends of a stripe against those of the parabola through it, as a share of that one's height: 0 for a parabola, 0.20 and 0.27 for its
-/// square and cube, which are flat towards the ends.
-const NO_PARABOLA: f64 = 0.25;
-/// Whether the stripes lie on one plane is asked twice, each time for one sound face in two thousand: in general (5 degrees of freedom),
-/// and for each laser by itself (1, the largest of four), which sees the tilt of one laser at a smaller chi-square.
+const LIMIT_4: f64 = 18.47;
+/// Whether the stripes lie on one plane is asked twice, each time for one sound face in two thousand: in general (the quantile at 0.9995 with
+/// 5 degrees of freedom), and for each laser by itself (at 0.999875 with 1, the largest of four), which sees the tilt of one laser at a
+/// smaller chi-square.
 const LIMIT_5: f64 = 22.11;
 const LIMIT_EACH: f64 = 14.71;
-/// A laser is named if no other explains the stripes as well: its chi-square is larger by this (odds of 1 to 20).
-const CLEARLY: f64 = 6.0;
-/// Fewest centres with which a stripe's line and bend can be judged.
-const MIN_CENTRES: usize = 12;
 
-/// Variance that the noise about a parabola does not show: the sum of correlations ends where it is lost in noise, which leaves out
-/// about a tenth of it for neighbours that go together by 0.6.
-const UNSEEN_NOISE: f64 = 1.15;
-/// How far the ends of a side move against each other since its rounding is seen at another angle there, mm, 1 sigma: a quarter of a
-/// radius of 1.7 mm.
-const ROUNDING_TURN_MM: f64 = 0.4;
-/// Steps of a robust parabola.
-const PARABOLA_ROUNDS: usize = 5;
+/// What the checks take for noise and known causes.
+#[derive(Clone, Copy, Debug)]
+struct CheckSettings {
+    /// Ends of a stripe against those of the parabola through it, as a share of that one's height: 0 for a parabola, 0.20 and 0.27 for its
+    /// square and cube, which are flat towards the ends. More takes a dent for a bow, and makes sigmas of bowed faces larger.
+    no_parabola: f64,
+    /// A laser is named if no other explains the stripes as well: its chi-square is larger by this (odds of 1 to 20). More leaves more lasers
+    /// without a name.
+    clearly: f64,
+    /// Fewest centres with which a stripe's line and bend can be judged. More leaves short stripes without checks.
+    least_centres: usize,
+    /// Variance that the noise about a parabola does not show: the sum of correlations ends where it is lost in noise, which leaves out
+    /// about a tenth of it for neighbours that go together by 0.6. More misses what fails by little.
+    unseen_noise: f64,
+    /// How far the ends of a side move against each other since its rounding is seen at another angle there, mm, 1 sigma: a quarter of a
+    /// radius of 1.7 mm. More misses sides that are tilted.
+    rounding_turn_mm: f64,
+    /// Steps of a robust parabola. More takes longer.
+    rounds: usize,
+}
+
+impl CheckSettings {
+    const DEFAULT: Self = Self {
+        no_parabola: 0.25,
+        clearly: 6.0,
+        least_centres: 12,
+        unseen_noise: 1.15,
+        rounding_turn_mm: 0.4,
+        rounds: 5,
+    };
+}
+
+impl Default for CheckSettings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
 
 /// Added unknowns: shift and slope of each stripe (8), bend of each stripe (4), shape of the four sides (3).
 const LINES: std::ops::Range<usize> = 0..8;
@@ -75,15 +97,16 @@ pub(super) fn check(
     causes: &Causes,
     drift_rad: f64,
 ) -> Option<ConsistencyChecks> {
-    let rows = &own_noise(&fit.rows)?;
+    let settings = &CheckSettings::default();
+    let rows = &own_noise(&fit.rows, settings)?;
     // What the stripes say among themselves: the sides, whose shape is another question, have no part in it.
-    let along = along_stripes(rows)?;
-    let mut sums = Sums::new();
+    let along = along_stripes(rows, settings.least_centres)?;
+    let mut sums = Sums::new(settings.rounding_turn_mm);
     sums.add(rows, &along, causes, |source| matches!(source, Source::Stripe(_)));
     let stripes = sums.system();
     let mut found = ConsistencyChecks::default();
-    coplanar(&stripes, drift_rad, &mut found)?;
-    straight(&stripes, calibration, fit, &mut found)?;
+    coplanar(&stripes, drift_rad, settings.clearly, &mut found)?;
+    straight(&stripes, calibration, fit, settings, &mut found)?;
     sums.add(rows, &along, causes, |source| matches!(source, Source::Edge(_)));
     rectangular(&sums.system(), fit, &mut found)?;
     Some(found)
@@ -105,11 +128,13 @@ struct Sums {
     score: SVector<f64, SIZE>,
     /// One column for each unknown.
     by_cause: SMatrix<f64, CAUSES, SIZE>,
+    rounding_turn_mm: f64,
 }
 
 impl Sums {
-    fn new() -> Self {
-        Self { normal: SMatrix::zeros(), score: SVector::zeros(), by_cause: SMatrix::zeros() }
+    fn new(rounding_turn_mm: f64) -> Self {
+        let (normal, score, by_cause) = (SMatrix::zeros(), SVector::zeros(), SMatrix::zeros());
+        Self { normal, score, by_cause, rounding_turn_mm }
     }
 
     fn add(&mut self, rows: &[Row], along: &[f64], causes: &Causes, counts: impl Fn(Source) -> bool) {
@@ -135,7 +160,7 @@ impl Sums {
             let mut effect = causes.on_residuals_px[i];
             if let Source::Edge(side) = row.source {
                 // A side also turns by how its rounding is seen along it.
-                let px = ROUNDING_TURN_MM / row.mm_per_px.max(1e-9);
+                let px = self.rounding_turn_mm / row.mm_per_px.max(1e-9);
                 effect[EDGES + 4 + side] *= (px / EDGE_SYSTEMATIC_PX).hypot(1.0);
             }
             for (a, x) in column.into_iter().filter(|(_, x)| *x != 0.0) {
@@ -223,13 +248,13 @@ fn inverse(matrix: DMatrix<f64>) -> Option<DMatrix<f64>> {
 
 /// The rows with weights from their noise about a parabola of each stripe and side of its own. In the fit's weights a stripe that lies
 /// off the plane as a whole, which is what the checks look for, would count as noise and excuse itself.
-fn own_noise(rows: &[Row]) -> Option<Vec<Row>> {
+fn own_noise(rows: &[Row], settings: &CheckSettings) -> Option<Vec<Row>> {
     let mut own = rows.to_vec();
     for laser_or_side in 0..4 {
         for source in [Source::Stripe(laser_or_side), Source::Edge(laser_or_side)] {
             let members: Vec<usize> = (0..rows.len()).filter(|i| rows[*i].source == source).collect();
             let count = members.len();
-            if count < MIN_CENTRES {
+            if count < settings.least_centres {
                 continue;
             }
             let shape = |k: usize| {
@@ -238,7 +263,7 @@ fn own_noise(rows: &[Row]) -> Option<Vec<Row>> {
             };
             let mut curve = Vector3::zeros();
             let mut scale = f64::INFINITY;
-            for _ in 0..PARABOLA_ROUNDS {
+            for _ in 0..settings.rounds {
                 let mut normal = Matrix3::zeros();
                 let mut right = Vector3::zeros();
                 for (k, i) in members.iter().enumerate() {
@@ -264,18 +289,18 @@ fn own_noise(rows: &[Row]) -> Option<Vec<Row>> {
     weigh_all(&mut own);
     for (own, row) in own.iter_mut().zip(rows) {
         own.px = row.px;
-        own.weight /= UNSEEN_NOISE;
+        own.weight /= settings.unseen_noise;
     }
     Some(own)
 }
 
 /// Position of each row along its stripe, -1 to 1. `None` if a stripe has too few centres.
-fn along_stripes(rows: &[Row]) -> Option<Vec<f64>> {
+fn along_stripes(rows: &[Row], least_centres: usize) -> Option<Vec<f64>> {
     let mut along = vec![0.0; rows.len()];
     for laser in 0..4 {
         let of_stripe = |r: &Row| r.source == Source::Stripe(laser) && r.weight > 0.0;
         let used: Vec<usize> = (0..rows.len()).filter(|i| of_stripe(&rows[*i])).collect();
-        if used.len() < MIN_CENTRES {
+        if used.len() < least_centres {
             return None;
         }
         let (first, last) = (rows[*used.first()?].at, rows[*used.last()?].at);
@@ -290,7 +315,7 @@ fn along_stripes(rows: &[Row]) -> Option<Vec<f64>> {
 }
 
 /// Do the stripes lie on one plane, and which laser explains it if not?
-fn coplanar(system: &System, drift_rad: f64, found: &mut ConsistencyChecks) -> Option<()> {
+fn coplanar(system: &System, drift_rad: f64, clearly: f64, found: &mut ConsistencyChecks) -> Option<()> {
     let lines: Vec<usize> = LINES.map(|i| SHAPE + i).collect();
     let plane: Vec<usize> = (0..3).collect();
     let test = system.test(&lines, &plane)?;
@@ -305,7 +330,7 @@ fn coplanar(system: &System, drift_rad: f64, found: &mut ConsistencyChecks) -> O
         (true, _) => (chi_square, LIMIT_5),
         (false, true) => (explained, LIMIT_EACH),
     };
-    let named = explained > lasers[1].1.2 + CLEARLY;
+    let named = explained > lasers[1].1.2 + clearly;
     found.tilt_rad = Some(tilt * drift_rad);
     found.warnings.push(Warning {
         kind: WarningKind::LaserMoved,
@@ -323,6 +348,7 @@ fn straight(
     system: &System,
     calibration: &Calibration,
     fit: &FittedRectangle,
+    settings: &CheckSettings,
     found: &mut ConsistencyChecks,
 ) -> Option<()> {
     let bends: Vec<usize> = BENDS.map(|i| SHAPE + i).collect();
@@ -358,8 +384,8 @@ fn straight(
         found.off_plane_mm = warning.found.abs() / 1.5;
         found.warnings.push(warning);
     }
-    if let Some(bow_mm) = common_bow_mm(&stripes) {
-        let along = along_stripes(&fit.rows)?;
+    if let Some(bow_mm) = common_bow_mm(&stripes, settings.no_parabola) {
+        let along = along_stripes(&fit.rows, settings.least_centres)?;
         let stripe = |r: &Row| if let Source::Stripe(laser) = r.source { stripes.get(laser) } else { None };
         found.bow_px = fit
             .rows
@@ -367,7 +393,7 @@ fn straight(
             .zip(along)
             .map(|(row, t)| stripe(row).map_or(0.0, |s| 1.5 * s.by_mm * bow_mm * (t * t - 1.0)))
             .collect();
-        found.off_plane_mm = bow_mm.abs() * NO_PARABOLA;
+        found.off_plane_mm = bow_mm.abs() * settings.no_parabola;
     }
     Some(())
 }
@@ -382,14 +408,14 @@ struct Bent {
 }
 
 /// Height of the one bow that bends all stripes as they are bent, mm. `None` if they bend otherwise: print, or a dent somewhere.
-fn common_bow_mm(stripes: &[Bent]) -> Option<f64> {
+fn common_bow_mm(stripes: &[Bent], no_parabola: f64) -> Option<f64> {
     let weighed =
         |of: &dyn Fn(&Bent) -> f64| stripes.iter().map(|s| of(s) / (s.sigma * s.sigma)).sum::<f64>();
     let power = weighed(&|s| s.by_mm * s.by_mm);
     let bow_mm = weighed(&|s| s.by_mm * s.bend) / power;
     let left = |s: &Bent| {
         let expected = s.by_mm * bow_mm;
-        (s.bend - expected).powi(2) / (s.sigma.powi(2) + (NO_PARABOLA * expected).powi(2))
+        (s.bend - expected).powi(2) / (s.sigma.powi(2) + (no_parabola * expected).powi(2))
     };
     let chi_square: f64 = stripes.iter().map(left).sum();
     // Without any weight it is no number.
