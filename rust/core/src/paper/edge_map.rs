@@ -15,26 +15,43 @@ pub(crate) struct EdgePixel {
     pub normal_rad: f32,
 }
 
-/// Weakest gradient that counts, in units of the median gradient's sigma: after smoothing, texture seldom exceeds it, and
-/// what does is not straight.
-const MIN_SIGMAS: f32 = 2.0;
-/// Least noise, grey levels per half-resolution px: JPEG's own step.
-const NOISE_FLOOR: f32 = 0.1;
+/// Which pixels are an edge's.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct EdgeMapSettings {
+    /// Weakest gradient that counts, in units of the median gradient's sigma: after smoothing, texture seldom exceeds it, and
+    /// what does is not straight. More loses faint edges.
+    least_sigmas: f32,
+    /// Least noise, grey levels per half-resolution px: JPEG's own step. More loses faint edges of clean pictures.
+    noise_floor: f32,
+    /// Probability from which a pixel of a network's map counts: half of what a certain edge has. More loses edges that the network doubts.
+    pub least_probability: f32,
+}
+
+impl EdgeMapSettings {
+    pub const DEFAULT: Self = Self { least_sigmas: 2.0, noise_floor: 0.1, least_probability: 0.4 };
+}
+
+impl Default for EdgeMapSettings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
 
 /// All ridge pixels of the gradient magnitude.
 pub(crate) fn edge_pixels(frame: &Frame) -> Vec<EdgePixel> {
+    let EdgeMapSettings { least_sigmas, noise_floor, .. } = EdgeMapSettings::DEFAULT;
     let (w, h, planes) = tone_half(frame);
     let mut magnitude = vec![0f32; w * h];
     let mut gradient = vec![(0f32, 0f32); w * h];
     for plane in planes {
-        add_gradients(w, h, &smoothed(w, h, &plane), &mut gradient, &mut magnitude);
+        add_gradients(w, h, &smoothed(w, h, &plane), noise_floor, &mut gradient, &mut magnitude);
     }
     let mut pixels = Vec::new();
     for y in 2..h.saturating_sub(2) {
         for x in 2..w.saturating_sub(2) {
             let i = y * w + x;
             let m = magnitude[i];
-            if m < MIN_SIGMAS {
+            if m < least_sigmas {
                 continue;
             }
             let (gx, gy) = gradient[i];
@@ -58,18 +75,16 @@ pub(crate) fn edge_pixels(frame: &Frame) -> Vec<EdgePixel> {
     pixels
 }
 
-/// Probability from which a pixel of a network's map counts: half of what a certain edge has.
-pub(crate) const LEAST_PROBABILITY: f32 = 0.4;
-
 /// All ridge pixels of a network's map.
 pub(crate) fn edge_pixels_of_map(map: MapView<'_>) -> Vec<EdgePixel> {
+    let least_probability = EdgeMapSettings::DEFAULT.least_probability;
     let [w, h] = map.size();
     let at = |x: usize, y: usize| map.values[y * w + x];
     let mut pixels = Vec::new();
     for y in 2..h.saturating_sub(2) {
         for x in 2..w.saturating_sub(2) {
             let m = at(x, y);
-            if m < LEAST_PROBABILITY {
+            if m < least_probability {
                 continue;
             }
             // Across a ridge the second derivative is most negative: at a right angle to its largest value.
@@ -130,7 +145,14 @@ fn smoothed(w: usize, h: usize, plane: &[f32]) -> Vec<f32> {
 }
 
 /// Keeps, at each pixel, the gradient that stands out most against its channel's noise.
-fn add_gradients(w: usize, h: usize, plane: &[f32], gradient: &mut [(f32, f32)], magnitude: &mut [f32]) {
+fn add_gradients(
+    w: usize,
+    h: usize,
+    plane: &[f32],
+    noise_floor: f32,
+    gradient: &mut [(f32, f32)],
+    magnitude: &mut [f32],
+) {
     // Central differences: the smoothing before is filter enough.
     let at = |x: usize, y: usize| {
         let i = y * w + x;
@@ -142,7 +164,7 @@ fn add_gradients(w: usize, h: usize, plane: &[f32], gradient: &mut [(f32, f32)],
         .flat_map(|y| inner(w).step_by(7).map(move |x| (x, y)))
         .map(|(x, y)| at(x, y).0.abs())
         .collect();
-    let noise = noise_of(&mut sample, NOISE_FLOOR);
+    let noise = noise_of(&mut sample, noise_floor);
     for y in inner(h) {
         for x in inner(w) {
             let (gx, gy) = at(x, y);

@@ -20,30 +20,63 @@ pub(crate) struct HoughDetector<'a> {
     pub stripes_on: Option<&'a Plane<Cam>>,
 }
 
-/// Cells of the accumulator: half a degree and 4 px.
-const THETA_CELLS: usize = 360;
-const RHO_CELL_PX: f64 = 4.0;
-/// A pixel votes for lines whose normal is within this angle of its gradient: Sobel is that exact at 3 levels of noise.
-const VOTE_RAD: f64 = 0.07;
-/// Clustering, from the paper (section 3.5).
-const CLUSTER_RHO_PX: f64 = 15.0;
-const CLUSTER_THETA_RAD: f64 = 1.8 * PI / 180.0;
-/// Peaks that are looked at.
-const PEAKS: usize = 400;
-/// Least votes of a peak: a line of 60 map pixels.
-const MIN_VOTES: f32 = 60.0;
-/// A side takes a line whose ends are within this distance of its own corners, px.
-const SIDE_DISTANCE_PX: f64 = 15.0;
-/// Pixels of the map this near the line belong to it, px.
-const ON_LINE_PX: f64 = 2.5;
-/// Localisation of one map pixel, px: half-resolution ridge with parabola.
-const SIGMA_PX: f64 = 0.7;
+/// The transform, the clustering of its peaks, and which pixels are a line's.
+#[derive(Clone, Copy, Debug)]
+struct HoughSettings {
+    /// Cells of the accumulator over half a turn: half a degree each. More splits a line's votes.
+    theta_cells: usize,
+    /// ... and their width, px. More is coarser, less splits a line's votes.
+    rho_cell_px: f64,
+    /// A pixel votes for lines whose normal is within this angle of its gradient, rad: Sobel is that exact at 3 levels of noise. More takes
+    /// longer and adds votes by chance.
+    vote_rad: f64,
+    /// Clustering, px and rad, from the paper (section 3.5). More loses the weaker one of two sides or lines beside each other.
+    cluster_rho_px: f64,
+    cluster_theta_rad: f64,
+    /// Peaks that are looked at. More takes longer.
+    peaks: usize,
+    /// Least votes of a peak: a line of 60 map pixels. More loses short sides.
+    least_votes: f32,
+    /// A side takes a line whose ends are within this distance of its own corners, px. More takes print beside it.
+    side_distance_px: f64,
+    /// Pixels of the map this near the line belong to it, px, in each of its fits: a cell is coarser than the pixels. More lets pixels of what
+    /// lies beside it in.
+    on_line_px: [f64; 3],
+    /// Localisation of one map pixel, px: half-resolution ridge with parabola. More makes sigmas larger.
+    sigma_px: f64,
+    /// Pixels of the map this near a stripe and parallel to it are its own, pixels of the map: a line there is 1.9 px wide. More takes edges
+    /// along a stripe for it.
+    stripe_px: f64,
+    /// How far along a pixel's line it is asked whether that is parallel to the stripe, pixels of the map. More asks for the same direction more
+    /// exactly.
+    parallel_px: f64,
+    /// ... and how far it may be off there. More takes edges that cross a stripe for it.
+    off_parallel_px: f64,
+}
 
-/// Pixels of the map this near a stripe and parallel to it are its own, pixels of the map: a line there is 1.9 px wide.
-const STRIPE_PX: f64 = 2.0;
-/// How far along a pixel's line it is asked whether that is parallel to the stripe, pixels of the map, and how far it may be off there.
-const PARALLEL_PX: f64 = 6.0;
-const OFF_PARALLEL_PX: f64 = 3.5;
+impl HoughSettings {
+    const DEFAULT: Self = Self {
+        theta_cells: 360,
+        rho_cell_px: 4.0,
+        vote_rad: 0.07,
+        cluster_rho_px: 15.0,
+        cluster_theta_rad: 1.8 * PI / 180.0,
+        peaks: 400,
+        least_votes: 60.0,
+        side_distance_px: 15.0,
+        on_line_px: [6.0, 4.0, 2.5],
+        sigma_px: 0.7,
+        stripe_px: 2.0,
+        parallel_px: 6.0,
+        off_parallel_px: 3.5,
+    };
+}
+
+impl Default for HoughSettings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
 
 /// A line of the picture, `rho = u cos(theta) + v sin(theta)`.
 #[derive(Clone, Copy, Debug)]
@@ -76,16 +109,18 @@ impl EdgeDetector for HoughDetector<'_> {
         initial: &InitialRectangle,
         keep_out: &[(Px, f64)],
     ) -> [Vec<EdgePoint>; 4] {
+        let settings = HoughSettings::default();
         let (mut pixels, coarseness) = match self.map {
             Some(map) => (edge_pixels_of_map(map), coarseness(map)),
             None => (edge_pixels(frame), 1.0),
         };
         if let Some(plane) = self.stripes_on {
-            leave_out_stripes(&mut pixels, calibration, plane, coarseness);
+            settings.leave_out_stripes(&mut pixels, calibration, plane, coarseness);
         }
-        let lines = lines(&pixels, frame, coarseness);
+        let lines = settings.lines(&pixels, frame, coarseness);
         [0, 1, 2, 3].map(|side| {
-            side_points(calibration, initial, side, &pixels, &lines, keep_out, coarseness).unwrap_or_default()
+            let near = settings.side_line(calibration, initial, side, &lines);
+            near.and_then(|near| settings.points(near, &pixels, keep_out, coarseness)).unwrap_or_default()
         })
     }
 }
@@ -102,148 +137,169 @@ pub(crate) fn lines_beside_stripes(
     plane: &Plane<Cam>,
     map: MapView<'_>,
 ) -> (Vec<Line>, Vec<EdgePixel>) {
+    let settings = HoughSettings::default();
     let mut pixels = edge_pixels_of_map(map);
-    leave_out_stripes(&mut pixels, calibration, plane, coarseness(map));
-    (lines(&pixels, frame, coarseness(map)), pixels)
+    settings.leave_out_stripes(&mut pixels, calibration, plane, coarseness(map));
+    (settings.lines(&pixels, frame, coarseness(map)), pixels)
 }
 
-fn leave_out_stripes(
-    pixels: &mut Vec<EdgePixel>,
-    calibration: &Calibration,
-    plane: &Plane<Cam>,
-    coarseness: f64,
-) {
-    let unit = 2.0 * coarseness; // frame px of a pixel of the map
-    let near = |at: Px, laser: LaserId, limit_px: f64| {
-        let view = PxView::new(calibration.camera(), at);
-        residual_px(calibration, plane, laser, &view).is_some_and(|(off_px, _)| off_px.abs() < limit_px)
-    };
-    pixels.retain(|p| {
-        let (s, c) = f64::from(p.normal_rad).sin_cos();
-        let along = |by: f64| Px::new(p.at.u - s * by * unit, p.at.v + c * by * unit);
-        !LaserId::ALL.into_iter().any(|laser| {
-            near(p.at, laser, STRIPE_PX * unit)
-                && [-PARALLEL_PX, PARALLEL_PX]
-                    .into_iter()
-                    .all(|by| near(along(by), laser, OFF_PARALLEL_PX * unit))
-        })
-    });
-}
-
-fn lines(pixels: &[EdgePixel], frame: &Frame, coarseness: f64) -> Vec<Line> {
-    cluster(peaks(pixels, frame.width_px(), frame.height_px(), coarseness))
-}
-
-fn peaks(pixels: &[EdgePixel], width: usize, height: usize, coarseness: f64) -> Vec<Line> {
-    let reach = (width as f64).hypot(height as f64);
-    let rho_cells = (2.0 * reach / RHO_CELL_PX).ceil() as usize + 1;
-    let mut votes = vec![0f32; THETA_CELLS * rho_cells];
-    let cell = PI / THETA_CELLS as f64;
-    let directions: Vec<(f64, f64)> = (0..THETA_CELLS).map(|t| (t as f64 * cell).sin_cos()).collect();
-    let spread = (VOTE_RAD / cell).round() as i64;
-    for p in pixels {
-        let middle = (f64::from(p.normal_rad).rem_euclid(PI) / cell).round() as i64;
-        for t in middle - spread..=middle + spread {
-            let t = t.rem_euclid(THETA_CELLS as i64) as usize;
-            let (s, c) = directions[t];
-            let rho = p.at.u * c + p.at.v * s;
-            votes[t * rho_cells + ((rho + reach) / RHO_CELL_PX) as usize] += 1.0;
-        }
-    }
-    let min_votes = MIN_VOTES / coarseness as f32;
-    let mut all: Vec<Line> = Vec::new();
-    for t in 0..THETA_CELLS {
-        for r in 1..rho_cells - 1 {
-            let v = votes[t * rho_cells + r];
-            if v >= min_votes && v >= votes[t * rho_cells + r - 1] && v >= votes[t * rho_cells + r + 1] {
-                all.push(Line {
-                    rho_px: (r as f64 + 0.5) * RHO_CELL_PX - reach,
-                    theta_rad: t as f64 * cell,
-                    votes: v,
-                });
-            }
-        }
-    }
-    all.sort_by(|a, b| b.votes.total_cmp(&a.votes));
-    all.truncate(PEAKS);
-    all
-}
-
-/// One line a cluster: the one with most votes stands for those near it.
-fn cluster(peaks: Vec<Line>) -> Vec<Line> {
-    let mut kept: Vec<Line> = Vec::new();
-    for p in peaks {
-        let known = kept.iter().any(|k| {
-            let (rho, theta) = k.difference(&p);
-            rho < CLUSTER_RHO_PX && theta < CLUSTER_THETA_RAD
+impl HoughSettings {
+    fn leave_out_stripes(
+        &self,
+        pixels: &mut Vec<EdgePixel>,
+        calibration: &Calibration,
+        plane: &Plane<Cam>,
+        coarseness: f64,
+    ) {
+        let unit = 2.0 * coarseness; // frame px of a pixel of the map
+        let near = |at: Px, laser: LaserId, limit_px: f64| {
+            let view = PxView::new(calibration.camera(), at);
+            residual_px(calibration, plane, laser, &view).is_some_and(|(off_px, _)| off_px.abs() < limit_px)
+        };
+        pixels.retain(|p| {
+            let (s, c) = f64::from(p.normal_rad).sin_cos();
+            let along = |by: f64| Px::new(p.at.u - s * by * unit, p.at.v + c * by * unit);
+            !LaserId::ALL.into_iter().any(|laser| {
+                near(p.at, laser, self.stripe_px * unit)
+                    && [-self.parallel_px, self.parallel_px]
+                        .into_iter()
+                        .all(|by| near(along(by), laser, self.off_parallel_px * unit))
+            })
         });
-        if !known {
-            kept.push(p);
-        }
     }
-    kept
+
+    fn lines(&self, pixels: &[EdgePixel], frame: &Frame, coarseness: f64) -> Vec<Line> {
+        self.cluster(self.peaks(pixels, frame.width_px(), frame.height_px(), coarseness))
+    }
+
+    fn peaks(&self, pixels: &[EdgePixel], width: usize, height: usize, coarseness: f64) -> Vec<Line> {
+        let Self { theta_cells, rho_cell_px, .. } = *self;
+        let reach = (width as f64).hypot(height as f64);
+        let rho_cells = (2.0 * reach / rho_cell_px).ceil() as usize + 1;
+        let mut votes = vec![0f32; theta_cells * rho_cells];
+        let cell = PI / theta_cells as f64;
+        let directions: Vec<(f64, f64)> = (0..theta_cells).map(|t| (t as f64 * cell).sin_cos()).collect();
+        let spread = (self.vote_rad / cell).round() as i64;
+        for p in pixels {
+            let middle = (f64::from(p.normal_rad).rem_euclid(PI) / cell).round() as i64;
+            for t in middle - spread..=middle + spread {
+                let t = t.rem_euclid(theta_cells as i64) as usize;
+                let (s, c) = directions[t];
+                let rho = p.at.u * c + p.at.v * s;
+                votes[t * rho_cells + ((rho + reach) / rho_cell_px) as usize] += 1.0;
+            }
+        }
+        let min_votes = self.least_votes / coarseness as f32;
+        let mut all: Vec<Line> = Vec::new();
+        for t in 0..theta_cells {
+            for r in 1..rho_cells - 1 {
+                let v = votes[t * rho_cells + r];
+                if v >= min_votes && v >= votes[t * rho_cells + r - 1] && v >= votes[t * rho_cells + r + 1] {
+                    all.push(Line {
+                        rho_px: (r as f64 + 0.5) * rho_cell_px - reach,
+                        theta_rad: t as f64 * cell,
+                        votes: v,
+                    });
+                }
+            }
+        }
+        all.sort_by(|a, b| b.votes.total_cmp(&a.votes));
+        all.truncate(self.peaks);
+        all
+    }
+
+    /// One line a cluster: the one with most votes stands for those near it.
+    fn cluster(&self, peaks: Vec<Line>) -> Vec<Line> {
+        let mut kept: Vec<Line> = Vec::new();
+        for p in peaks {
+            let known = kept.iter().any(|k| {
+                let (rho, theta) = k.difference(&p);
+                rho < self.cluster_rho_px && theta < self.cluster_theta_rad
+            });
+            if !known {
+                kept.push(p);
+            }
+        }
+        kept
+    }
+
+    /// The line that a side takes.
+    fn side_line(
+        &self,
+        calibration: &Calibration,
+        initial: &InitialRectangle,
+        side: usize,
+        lines: &[Line],
+    ) -> Option<SideLine> {
+        let (across, _) = SIDES[side];
+        let (from, to) = initial.span_mm(side);
+        let corner =
+            |along: f64| initial.raster.pixel(calibration, across.at(initial.offsets_mm[side], along));
+        let (first, last) = (corner(from)?, corner(to)?);
+        let misfit = |l: &Line| l.distance_px(first).abs().max(l.distance_px(last).abs());
+        let line = lines.iter().filter(|l| misfit(l) < self.side_distance_px).max_by(|a, b| {
+            (f64::from(a.votes) / (4.0 + misfit(a))).total_cmp(&(f64::from(b.votes) / (4.0 + misfit(b))))
+        })?;
+        let length = first.distance_px(last);
+        let direction = ((last.u - first.u) / length, (last.v - first.v) / length);
+        let against = -direction.1 * line.theta_rad.cos() + direction.0 * line.theta_rad.sin() < 0.0;
+        let sign = if against { -1.0 } else { 1.0 };
+        let offset = (-sign * line.distance_px(first), -sign * line.distance_px(last));
+        Some(SideLine { first, direction, length, offset })
+    }
+
+    /// The pixels near a side's line, which is fitted again to those near it each time.
+    fn points(
+        &self,
+        SideLine { first, direction, length, mut offset }: SideLine,
+        pixels: &[EdgePixel],
+        keep_out: &[(Px, f64)],
+        coarseness: f64,
+    ) -> Option<Vec<EdgePoint>> {
+        let mut chosen = Vec::new();
+        for near in self.on_line_px.map(|near| near * coarseness) {
+            chosen.clear();
+            let (mut n, mut st, mut stt, mut sd, mut std) = (0.0, 0.0, 0.0, 0.0, 0.0);
+            for p in pixels {
+                let (du, dv) = (p.at.u - first.u, p.at.v - first.v);
+                let t = (du * direction.0 + dv * direction.1) / length;
+                let d = -du * direction.1 + dv * direction.0;
+                if !(0.025..0.975).contains(&t) || (d - offset.0 - (offset.1 - offset.0) * t).abs() > near {
+                    continue;
+                }
+                let across_edge = (-f64::from(p.normal_rad.cos()) * direction.1
+                    + f64::from(p.normal_rad.sin()) * direction.0)
+                    .abs();
+                if across_edge < 0.9 || keep_out.iter().any(|(c, r)| c.distance_px(p.at) < *r) {
+                    continue;
+                }
+                n += 1.0;
+                st += t;
+                stt += t * t;
+                sd += d;
+                std += t * d;
+                chosen.push(EdgePoint { at: p.at, sigma_px: self.sigma_px * coarseness });
+            }
+            let spread = stt - st * st / n;
+            if n < 8.0 || spread < 1e-6 {
+                return None;
+            }
+            let slope = (std - st * sd / n) / spread;
+            let at_first = (sd - slope * st) / n;
+            offset = (at_first, at_first + slope);
+        }
+        Some(chosen)
+    }
 }
 
-fn side_points(
-    calibration: &Calibration,
-    initial: &InitialRectangle,
-    side: usize,
-    pixels: &[EdgePixel],
-    lines: &[Line],
-    keep_out: &[(Px, f64)],
-    coarseness: f64,
-) -> Option<Vec<EdgePoint>> {
-    let (across, _) = SIDES[side];
-    let (from, to) = initial.span_mm(side);
-    let corner = |along: f64| initial.raster.pixel(calibration, across.at(initial.offsets_mm[side], along));
-    let (first, last) = (corner(from)?, corner(to)?);
-    let misfit = |l: &Line| l.distance_px(first).abs().max(l.distance_px(last).abs());
-    let line = lines.iter().filter(|l| misfit(l) < SIDE_DISTANCE_PX).max_by(|a, b| {
-        (f64::from(a.votes) / (4.0 + misfit(a))).total_cmp(&(f64::from(b.votes) / (4.0 + misfit(b))))
-    })?;
-    let length = first.distance_px(last);
-    let direction = ((last.u - first.u) / length, (last.v - first.v) / length);
-    // The line is refitted twice to the pixels near it: a Hough cell is coarser than the pixels.
-    let mut offset = (line.distance_px(first), line.distance_px(last));
-    let sign = if -direction.1 * line.theta_rad.cos() + direction.0 * line.theta_rad.sin() < 0.0 {
-        -1.0
-    } else {
-        1.0
-    };
-    offset = (-sign * offset.0, -sign * offset.1);
-    let mut chosen = Vec::new();
-    for near in [6.0, 4.0, ON_LINE_PX].map(|near| near * coarseness) {
-        chosen.clear();
-        let (mut n, mut st, mut stt, mut sd, mut std) = (0.0, 0.0, 0.0, 0.0, 0.0);
-        for p in pixels {
-            let (du, dv) = (p.at.u - first.u, p.at.v - first.v);
-            let t = (du * direction.0 + dv * direction.1) / length;
-            let d = -du * direction.1 + dv * direction.0;
-            if !(0.025..0.975).contains(&t) || (d - offset.0 - (offset.1 - offset.0) * t).abs() > near {
-                continue;
-            }
-            let across_edge = (-f64::from(p.normal_rad.cos()) * direction.1
-                + f64::from(p.normal_rad.sin()) * direction.0)
-                .abs();
-            if across_edge < 0.9 || keep_out.iter().any(|(c, r)| c.distance_px(p.at) < *r) {
-                continue;
-            }
-            n += 1.0;
-            st += t;
-            stt += t * t;
-            sd += d;
-            std += t * d;
-            chosen.push(EdgePoint { at: p.at, sigma_px: SIGMA_PX * coarseness });
-        }
-        let spread = stt - st * st / n;
-        if n < 8.0 || spread < 1e-6 {
-            return None;
-        }
-        let slope = (std - st * sd / n) / spread;
-        let at_first = (sd - slope * st) / n;
-        offset = (at_first, at_first + slope);
-    }
-    Some(chosen)
+/// A line of the picture beside a side.
+struct SideLine {
+    /// The side's first corner, the unit vector to its last one, and how far that is, px.
+    first: Px,
+    direction: (f64, f64),
+    length: f64,
+    /// How far the line lies beside either corner, px.
+    offset: (f64, f64),
 }
 
 #[cfg(test)]
@@ -257,6 +313,8 @@ mod tests {
 
     /// On the picture's gradient, without a network.
     const DETECTOR: HoughDetector<'static> = HoughDetector { map: None, stripes_on: None };
+
+    const SETTINGS: HoughSettings = HoughSettings::DEFAULT;
 
     /// Map pixels along `u cos(theta) + v sin(theta) = rho` within a frame of 600 x 400.
     fn pixels_on(rho_px: f64, theta_rad: f64) -> Vec<EdgePixel> {
@@ -274,11 +332,11 @@ mod tests {
         for (rho_px, theta_rad) in [(250.0, 0.8), (120.0, 0.01), (-90.0, 2.4), (300.0, 1.57), (-400.0, 3.13)]
         {
             let pixels = pixels_on(rho_px, theta_rad);
-            assert!(pixels.len() as f32 > MIN_VOTES, "{rho_px}, {theta_rad}");
-            let lines = cluster(peaks(&pixels, 600, 400, 1.0));
+            assert!(pixels.len() as f32 > SETTINGS.least_votes, "{rho_px}, {theta_rad}");
+            let lines = SETTINGS.cluster(SETTINGS.peaks(&pixels, 600, 400, 1.0));
             let best = lines.first().expect("a line");
             let (rho, theta) = best.difference(&Line { rho_px, theta_rad, votes: 0.0 });
-            assert!(rho < 2.0 * RHO_CELL_PX && theta < 0.01, "{best:?} for {rho_px}, {theta_rad}");
+            assert!(rho < 2.0 * SETTINGS.rho_cell_px && theta < 0.01, "{best:?} for {rho_px}, {theta_rad}");
         }
     }
 
@@ -295,7 +353,7 @@ mod tests {
     fn neighbours_within_the_papers_distances_are_one_line() {
         let line =
             |rho_px: f64, theta_deg: f64, votes| Line { rho_px, theta_rad: theta_deg.to_radians(), votes };
-        let kept = cluster(vec![
+        let kept = SETTINGS.cluster(vec![
             line(100.0, 40.0, 9.0),
             line(112.0, 41.0, 8.0),
             line(120.0, 40.0, 7.0),
@@ -307,7 +365,7 @@ mod tests {
     #[test]
     fn no_pixels_no_lines() {
         for (width, height) in [(1, 1), (3, 2), (64, 64)] {
-            assert!(peaks(&[], width, height, 1.0).is_empty());
+            assert!(SETTINGS.peaks(&[], width, height, 1.0).is_empty());
         }
     }
 

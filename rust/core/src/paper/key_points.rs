@@ -12,10 +12,24 @@ use crate::statistics::robust_sigma;
 use crate::units::{LaserId, Px};
 use nalgebra::{Matrix3, Vector3};
 
-/// Localisation of a key point, px: along its stripe that of a fitted edge, across it that of a fitted stripe at its end
-/// (the paper reports 1.96 px for its network's key points; PHYSICS.md).
-const EDGE_SIGMA_PX: f64 = 0.5;
-const STRIPE_SIGMA_PX: f64 = 0.15;
+/// Localisation of a key point (the paper reports 1.96 px for its network's key points; PHYSICS.md). More makes sigmas larger.
+#[derive(Clone, Copy, Debug)]
+struct KeyPointSettings {
+    /// Along its stripe, that of a fitted edge, px.
+    edge_sigma_px: f64,
+    /// Across it, that of a fitted stripe at its end, px.
+    stripe_sigma_px: f64,
+}
+
+impl KeyPointSettings {
+    const DEFAULT: Self = Self { edge_sigma_px: 0.5, stripe_sigma_px: 0.15 };
+}
+
+impl Default for KeyPointSettings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
 
 /// The sides from the eight key points alone.
 pub(crate) fn measure(
@@ -63,13 +77,13 @@ pub(crate) fn measure(
     let sides_mm = sides_of(&|_, _| (0.0, 0.0))?;
     // Every key point moved along its stripe (where the edge lies) and across it (where the stripe lies), one at a time.
     let d = fit.key_points_px(calibration)?;
+    let KeyPointSettings { edge_sigma_px: edge, stripe_sigma_px: stripe } = KeyPointSettings::DEFAULT;
     let mut variances_mm2 = [0.0; 2];
     for side in 0..4 {
         for end in 0..2 {
             let [from, to] = d[SIDES[side].0.stripes()[end].index()];
             let length = from.distance_px(to).max(1.0);
             let (u, v) = ((to.u - from.u) / length, (to.v - from.v) / length);
-            let (edge, stripe) = (EDGE_SIGMA_PX, STRIPE_SIGMA_PX);
             for step_px in [(u * edge, v * edge), (-v * stripe, u * stripe)] {
                 let moved = sides_of(&|s, e| if (s, e) == (side, end) { step_px } else { (0.0, 0.0) })?;
                 for (v, (m, s)) in variances_mm2.iter_mut().zip(moved.iter().zip(sides_mm)) {

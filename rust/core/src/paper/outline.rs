@@ -1,7 +1,7 @@
 //! The face's outline in the paper's single map, on a plane that the stripes gave: the Hough transform's lines that are no stripe, of
 //! which four make a rectangle about the grid that the map fills: edges along its sides, stripes between them and not beyond.
 
-use super::edge_map::LEAST_PROBABILITY;
+use super::edge_map::EdgeMapSettings;
 use super::hough::{Line, lines_beside_stripes};
 use crate::calibration::Calibration;
 use crate::face::extent::{crossing_on, crossing_px};
@@ -15,17 +15,34 @@ use crate::reject::Reject;
 use crate::units::{LaserId, Px};
 use std::f64::consts::PI;
 
-/// Opposite sides are parallel on the plane to this: half a degree of a cell of the transform, more on an oblique face.
-const PARALLEL_RAD: f64 = 0.05;
-/// Lines whose direction is tried, and lines that are kept a side; strongest first.
-const DIRECTIONS_TRIED: usize = 12;
-const LINES_A_SIDE: usize = 6;
-/// Share of a side along which the map must show an edge: stripes and print hide some of it.
-const LEAST_SHARE: f64 = 0.5;
+/// Which lines may make the rectangle.
+#[derive(Clone, Copy, Debug)]
+struct OutlineSettings {
+    /// Opposite sides are parallel on the plane to this, rad: half a degree of a cell of the transform, more on an oblique face. More lets other
+    /// lines in.
+    parallel_rad: f64,
+    /// Lines whose direction is tried, and lines that are kept a side; strongest first. More takes longer.
+    directions_tried: usize,
+    lines_a_side: usize,
+    /// Share of a side along which the map must show an edge: stripes and print hide some of it. More refuses more faces.
+    least_share: f64,
+    /// Distance from the foot of a line at which its direction on the plane is taken, px. More leaves the picture.
+    along_px: f64,
+}
+
+impl OutlineSettings {
+    const DEFAULT: Self =
+        Self { parallel_rad: 0.05, directions_tried: 12, lines_a_side: 6, least_share: 0.5, along_px: 60.0 };
+}
+
+impl Default for OutlineSettings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
+
 /// How far from the grid the map is sampled, in its pixels: more than it is wide.
 const REACH_STEPS: i32 = 640;
-/// Distance from the foot of a line at which its direction on the plane is taken, px.
-const ALONG_PX: f64 = 60.0;
 
 /// A line of the picture on the plane.
 #[derive(Clone, Copy)]
@@ -49,7 +66,8 @@ pub(crate) fn hough_outline(
     let search = Search::new(calibration, plane, map.view()).ok_or_else(|| open(0))?;
     let (lines, pixels) = lines_beside_stripes(frame, calibration, plane, map.view());
     let straights: Vec<Straight> = lines.iter().filter_map(|line| search.straight(line)).collect();
-    let found = straights.iter().take(DIRECTIONS_TRIED).map(|s| search.best(&straights, s.angle_rad));
+    let found =
+        straights.iter().take(search.settings.directions_tried).map(|s| search.best(&straights, s.angle_rad));
     let best = found.max_by(|x, y| x.score().total_cmp(&y.score())).unwrap_or(Found::Sides(0));
     let level = match best {
         Found::Sides(sides_found) => return Err(open(sides_found)),
@@ -64,7 +82,7 @@ pub(crate) fn hough_outline(
     let at = Turned { search: &search, raster: &raster };
     let clear = (0..4).filter(|side| {
         let (from, to) = span_mm(&offsets_mm, *side);
-        at.along_side(SIDES[*side].0, offsets_mm[*side]).share(from, to) >= LEAST_SHARE
+        at.along_side(SIDES[*side].0, offsets_mm[*side]).share(from, to) >= search.settings.least_share
     });
     match clear.count() {
         4 => Ok(InitialRectangle::new(raster, offsets_mm, search.mm_per_px)),
@@ -74,6 +92,7 @@ pub(crate) fn hough_outline(
 
 /// What the search looks at.
 struct Search<'a> {
+    settings: OutlineSettings,
     calibration: &'a Calibration,
     map: MapView<'a>,
     raster: PlaneRaster,
@@ -114,7 +133,8 @@ impl<'a> Search<'a> {
             .into_iter()
             .map(|(i, j)| raster.on_plane(calibration, crossing_px(calibration, plane, i, j)?))
             .collect::<Option<Vec<_>>>()?;
-        Some(Self { calibration, map, raster, mm_per_px, crossings, middle_px })
+        let settings = OutlineSettings::default();
+        Some(Self { settings, calibration, map, raster, mm_per_px, crossings, middle_px })
     }
 
     /// A line of the picture on the plane, if it may be a side.
@@ -122,9 +142,10 @@ impl<'a> Search<'a> {
         let (s, c) = line.theta_rad.sin_cos();
         let off_px = line.distance_px(self.middle_px);
         let foot = Px::new(self.middle_px.u - off_px * c, self.middle_px.v - off_px * s);
+        let along_px = self.settings.along_px;
         let at = |by: f64| {
-            self.raster
-                .on_plane(self.calibration, Px::new(foot.u - s * by * ALONG_PX, foot.v + c * by * ALONG_PX))
+            let px = Px::new(foot.u - s * by * along_px, foot.v + c * by * along_px);
+            self.raster.on_plane(self.calibration, px)
         };
         let direction = at(1.0)? - at(-1.0)?;
         // A line has no sense of direction.
@@ -150,10 +171,12 @@ impl<'a> Search<'a> {
                 .fold(f64::NEG_INFINITY, f64::max);
             straights
                 .iter()
-                .filter(|s| s.across == across && (s.angle_rad - angle_rad).abs() < PARALLEL_RAD)
+                .filter(|s| {
+                    s.across == across && (s.angle_rad - angle_rad).abs() < self.settings.parallel_rad
+                })
                 .map(|s| (across.offset(turned(s.through, angle_rad)), s))
                 .filter(|(offset_mm, _)| sign * offset_mm > inner)
-                .take(LINES_A_SIDE)
+                .take(self.settings.lines_a_side)
                 .map(|(offset_mm, s)| (offset_mm, *s, at.along_side(across, offset_mm)))
                 .collect::<Vec<_>>()
         });
@@ -227,7 +250,7 @@ impl Turned<'_> {
         let seen = |n: i32| {
             let px = self.raster.pixel(calibration, place(f64::from(n) * step_mm)?)?;
             let inside = px.u >= -0.5 && px.v >= -0.5 && px.u <= end.u && px.v <= end.v;
-            (inside && map.at(px) >= LEAST_PROBABILITY).then_some(())
+            (inside && map.at(px) >= EdgeMapSettings::DEFAULT.least_probability).then_some(())
         };
         let mut sums = vec![0.0];
         for n in -REACH_STEPS..=REACH_STEPS {
