@@ -25,6 +25,7 @@ use std::ops::Range;
 
 /// Mean radius of cardboard's edges (0.5 to 4 mm, PHYSICS.md, every scale alike).
 pub(crate) const USUAL_RADIUS_MM: f64 = 1.7;
+
 /// Which stripe points beyond a side tell of its sharp edge, and when stripes' ends contradict its line.
 #[derive(Clone, Copy, Debug)]
 struct SharpEdgeSettings {
@@ -131,7 +132,7 @@ pub(crate) fn sharpen(
         if let Some(off_mm) = contradicted[side] {
             return between(expected[side], off_mm);
         }
-        match settings.from_stripes(frame, calibration, face, fit, side) {
+        match settings.by_stripes(frame, calibration, face, fit, side) {
             Some((outwards_mm, sigma_mm)) => combine(expected[side], outwards_mm, sigma_mm),
             None => expected[side],
         }
@@ -194,7 +195,7 @@ impl SharpEdgeSettings {
     }
 
     /// The side's place from stripe points beyond it, outwards from the image's edge, and its sigma, mm.
-    fn from_stripes(
+    fn by_stripes(
         &self,
         frame: &Frame,
         calibration: &Calibration,
