@@ -39,17 +39,13 @@ pub(crate) fn measure(
     edges: &[Vec<EdgePoint>; 4],
 ) -> Option<KeyPointSides> {
     let ray = |px: Px| calibration.camera().ray_from_px(px).xy1;
-    let mut stripe_lines = Vec::with_capacity(4);
-    for id in LaserId::ALL {
-        let points: Vec<Vector3<f64>> = face.centres(id).map(|o| ray(o.at)).collect();
-        stripe_lines.push(line_through(&points)?);
-    }
-    let mut edge_lines = Vec::with_capacity(4);
-    for (points, used) in edges.iter().zip(&fit.edge_inliers) {
-        let rays: Vec<Vector3<f64>> =
-            points.iter().zip(used).filter(|(_, used)| **used).map(|(p, _)| ray(p.at)).collect();
-        edge_lines.push(line_through(&rays)?);
-    }
+    let of_stripe = |id| line_through(&face.centres(id).map(|o| ray(o.at)).collect::<Vec<_>>());
+    let stripe_lines = LaserId::ALL.into_iter().map(of_stripe).collect::<Option<Vec<_>>>()?;
+    let of_edge = |(points, used): (&Vec<EdgePoint>, &Vec<bool>)| {
+        let used = points.iter().zip(used).filter(|(_, used)| **used);
+        line_through(&used.map(|(p, _)| ray(p.at)).collect::<Vec<_>>())
+    };
+    let edge_lines = edges.iter().zip(&fit.edge_inliers).map(of_edge).collect::<Option<Vec<_>>>()?;
     // D_i: crossing in the ideal image, depth from its laser plane (eqs. 5-8).
     let key_point = |side: usize, id: LaserId, shift_px: (f64, f64)| -> Option<Vector3<f64>> {
         let x = stripe_lines[id.index()].cross(&edge_lines[side]);
