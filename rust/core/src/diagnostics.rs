@@ -8,7 +8,7 @@ use crate::frames::{Cam, Plane};
 use crate::image::Frame;
 use crate::image::bands::band_maps;
 use crate::network::StripeLight;
-use crate::rectangle::line_evidence::Evidence as LineEvidence;
+use crate::rectangle::line_evidence::{Evidence as LineEvidence, LineSettings};
 use crate::scene::lit::LitLines;
 use crate::stripe::centres::{CentreSettings, find_centres, measure_half_width_px};
 use crate::stripe::colour_projection::ColourProjection;
@@ -110,6 +110,7 @@ pub fn side_lines(frame: &Frame, calibration: &Calibration) -> Vec<SideLine> {
             wide: &wide,
             seen: None,
             lit: &lit,
+            settings: &LineSettings::DEFAULT,
         };
         let mut all = Vec::new();
         for (side, lines) in evidence.settled()?.iter().enumerate() {

@@ -66,7 +66,7 @@ def fit(sides: dict, used: list[int]) -> torch.Tensor:
 
 
 def sure(sides: dict, w: torch.Tensor) -> torch.Tensor:
-    """SURE of outlines.rs: that a side's likeliest line is right, from its odds by all but the network of sides and by that network, a
+    """`sure` of outlines.rs: that a side's likeliest line is right, from its odds by all but the network of sides and by that network, a
     pixel's size, what the stripes' light says, and what all of it together leaves for other lines. It is, too, where the side was measured within RIGHT_MM, or would be."""
     x, y = [], []
     for lines in sides.values():

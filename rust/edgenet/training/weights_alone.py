@@ -19,7 +19,7 @@ import torch
 from weights import LEAST_LEFT, MOST_ODDS, RIGHT_MM, RIGHT_PX, SAME_SIDE_PX
 
 CLUES = [f"clue_{i}" for i in range(11)]  # in the order of CLUE_WEIGHTS_ALONE
-LIGHT = (-0.053, -0.13)  # LIGHT_ON_ONE and LIGHT_MISSING of line_evidence.rs
+LIGHT = (-0.043, -0.312)  # light_on_one and light_missing of line_evidence.rs
 RIDGE = 1e-3  # keeps weights of what is never seen at zero
 
 

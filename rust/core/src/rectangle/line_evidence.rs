@@ -37,7 +37,7 @@ pub(crate) struct Line {
 pub(crate) struct Clues {
     /// Strength of the picture's edge, 0 to 1.
     strength: f64,
-    /// Probability of an edge in the network's map, up to [`NETWORK_MOST`].
+    /// Probability of an edge in the network's map, up to [`EvidenceWeights::most_map_edge`].
     network: f64,
     /// Both stripes end elsewhere (0 or 1); a stripe ends here.
     ends_elsewhere: f64,
@@ -57,7 +57,7 @@ pub(crate) struct Clues {
 }
 
 impl Clues {
-    /// In the order of [`CLUE_WEIGHTS`].
+    /// In the order of [`EvidenceWeights::clues`].
     pub fn values(&self) -> [f64; 11] {
         [
             self.strength,
@@ -79,25 +79,124 @@ impl Clues {
     }
 }
 
-/// A blurred or rounded edge has lines beside it that are no other edges: what speaks for the right line of several within 15 px is the
-/// edge's strength to this power as well. Fitted by maximum likelihood to where 1,960 sides of the learning and choosing seeds were measured
-/// (log-likelihood a side 0.260 without it, 0.301 with 3, 0.309 with 4).
-const STRENGTH_BESIDE: f64 = 3.0;
-const LEAST_STRENGTH_BESIDE: f64 = 1e-3;
-
 impl Line {
     /// As [`Self::log_weight`], among lines that are too near each other to be different sides.
-    pub fn log_weight_beside(&self) -> f64 {
-        self.log_weight() + STRENGTH_BESIDE * self.strength.max(LEAST_STRENGTH_BESIDE).ln()
+    pub fn log_weight_beside(&self, weights: &EvidenceWeights) -> f64 {
+        let strength = self.strength.max(weights.least_strength_beside);
+        self.log_weight(weights) + weights.strength_beside * strength.ln()
     }
 
     /// Logarithm of its weight among the lines of the side.
-    pub fn log_weight(&self) -> f64 {
+    pub fn log_weight(&self, weights: &EvidenceWeights) -> f64 {
         let log_odds = self.seen.map_or(self.log_odds, |seen| {
-            LINE_NETWORK_WEIGHT * self.log_odds + SIDES_NETWORK_WEIGHT * (seen + LEAST_SEEN).ln()
+            weights.line_network * self.log_odds + weights.sides_network * (seen + weights.least_seen).ln()
         });
         log_odds + self.light
     }
+}
+
+/// What each kind of evidence counts, in nats a unit. All are fitted by maximum likelihood: each side's right line against its other lines.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct EvidenceWeights {
+    /// Of [`Clues`] beside networks, which the network of lines is told as well: 860 sides of 110 rendered boxes
+    /// (`boxline render --held-out --seed 7000 --count 110`).
+    clues: [f64; 11],
+    /// Of [`Clues`] where there is no network (two of them are a network's): 2,728 sides of the learning seeds (`training/weights_alone.py`).
+    clues_alone: [f64; 11],
+    /// Of the network of lines, of the network of sides, and of the stripes' light and steps, together: rendered boxes of the learning seeds
+    /// (`training/weights.py`). One that is larger than fitted makes its judge too sure.
+    line_network: f64,
+    sides_network: f64,
+    /// Light goes on beyond the line on one stripe. On both it says nothing: the networks tell a flush neighbour from print.
+    light_on_one: f64,
+    light_missing: f64,
+    surface_steps: f64,
+    /// Added to the probability of a place by the network of sides, so that it never rules one out. More: it rules out less.
+    least_seen: f64,
+    /// The network's probability of an edge counts up to this: it also draws lines of print, and surely. More: print counts more.
+    most_map_edge: f32,
+    /// The power to which an edge's strength speaks for the right line of several within 15 px, since a blurred or rounded edge has lines
+    /// beside it that are no other edges: where 1,960 sides of the learning and choosing seeds were measured (log-likelihood a side 0.260
+    /// without it, 0.301 with 3, 0.309 with 4). More: the strongest edge wins more often.
+    strength_beside: f64,
+    /// Least strength of which a power is taken.
+    least_strength_beside: f64,
+}
+
+impl EvidenceWeights {
+    const DEFAULT: Self = Self {
+        clues: [4.60, 1.30, -2.20, 1.48, -0.30, 1.24, 1.47, 1.12, -3.73, 2.25, 3.56],
+        clues_alone: [5.06, 0.0, -0.83, 0.94, -0.30, 0.49, 0.64, -0.44, -2.56, 2.19, 0.0],
+        line_network: 0.723,
+        sides_network: 1.319,
+        light_on_one: -0.043,
+        light_missing: -0.312,
+        surface_steps: 0.452,
+        least_seen: 1e-3,
+        most_map_edge: 0.4,
+        strength_beside: 3.0,
+        least_strength_beside: 1e-3,
+    };
+}
+
+/// Which lines of the picture are looked at, and how.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LineSettings {
+    pub weights: EvidenceWeights,
+    /// Lines of a side that are found, and that are kept whatever the network of sides says. More: slower.
+    found_lines: usize,
+    kept_lines: usize,
+    /// Least distance of two lines, px; edges are blurred over 2 to 3. More: the right line may be hidden by a stronger one beside it.
+    lines_apart_px: f64,
+    /// Least strength of a line: about the share of the side on which it is seen. More: weak edges are missed. Less: slower.
+    least_strength: f32,
+    /// Places to which the network of sides gives this probability are looked at as well, however weak their edge is, and if no edge of the
+    /// picture is within `seen_apart_px` (some of its bins): what is no candidate cannot make another less sure. More: rivals are missed.
+    likely_place: f64,
+    seen_apart_px: f64,
+    /// A line that is less likely than the best by this, nats, before its corners and the strip along it are looked at, is none: of 5,294
+    /// sides of rendered faces, no right line was less likely by 5. More: slower.
+    most_behind_best: f64,
+    /// Guesses of all sides together, without a network; most stay from the second on. More: slower.
+    most_guesses: usize,
+    /// The adjacent sides' edges are looked at from so far to so far inside of a line and beyond it, px: from where its blur is over. A
+    /// longer stretch sees weaker edges and more of what is not the side's.
+    window_px: (f64, f64),
+    /// A stripe's end is at a line or elsewhere, px: single ends scatter by 2 px. More: lines beside the right one have its end too.
+    end_at_line_px: f64,
+    end_elsewhere_px: f64,
+    /// A traced end is at a line, and the outline's side is the line, within so many px: traces go by blocks of 8 rows. More: as before.
+    traced_at_line_px: f64,
+    /// Evidence of a stripe is counted once in so many px. More: a stripe says less.
+    place_px: f64,
+    /// The most that one such place gives, and that all give against an end before the line: print hides a stripe for a while. More:
+    /// dark print ends a face.
+    most_per_place: f64,
+    most_lost: f64,
+    /// A stripe goes on if ending it here loses more than this, nats. More: fewer sides count as open.
+    least_lost: f64,
+}
+
+impl LineSettings {
+    pub const DEFAULT: Self = Self {
+        weights: EvidenceWeights::DEFAULT,
+        found_lines: 60,
+        kept_lines: 14,
+        lines_apart_px: 5.0,
+        least_strength: 0.35,
+        likely_place: 0.03,
+        seen_apart_px: 20.0,
+        most_behind_best: 6.0,
+        most_guesses: 3,
+        window_px: (8.0, 80.0),
+        end_at_line_px: 5.0,
+        end_elsewhere_px: 8.0,
+        traced_at_line_px: 12.0,
+        place_px: 8.0,
+        most_per_place: 4.0,
+        most_lost: 8.0,
+        least_lost: 1.0,
+    };
 }
 
 /// All that can speak for a line.
@@ -114,55 +213,8 @@ pub(crate) struct Evidence<'a> {
     /// What the network of sides says, if there is one.
     pub seen: Option<&'a (ViewAxes, SideOdds)>,
     pub lit: &'a LitLines,
+    pub settings: &'a LineSettings,
 }
-
-/// Weights, fitted by maximum likelihood (each side's right line against its other lines) to the 860 sides of 110 rendered boxes
-/// (`boxline render --held-out --seed 7000 --count 110`).
-const CLUE_WEIGHTS: [f64; 11] = [4.60, 1.30, -2.20, 1.48, -0.30, 1.24, 1.47, 1.12, -3.73, 2.25, 3.56];
-/// The same without any network, of 2,728 sides of the learning seeds (`training/weights_alone.py`); two clues are a network's.
-const CLUE_WEIGHTS_ALONE: [f64; 11] = [5.06, 0.0, -0.83, 0.94, -0.30, 0.49, 0.64, -0.44, -2.56, 2.19, 0.0];
-
-/// Weights of the networks of lines and of sides and of the stripes' light and steps, fitted together by maximum likelihood to the sides of rendered
-/// boxes of the learning seeds (`training/weights.py`); that of the network of sides is of the probability of a place and a little, so
-/// that it never rules one out. Light that goes on beyond a line on both stripes says nothing: the networks tell a flush neighbour from
-/// print.
-const LINE_NETWORK_WEIGHT: f64 = 0.723;
-const SIDES_NETWORK_WEIGHT: f64 = 1.319;
-const LEAST_SEEN: f64 = 1e-3;
-const LIGHT_ON_ONE: f64 = -0.043;
-const LIGHT_MISSING: f64 = -0.312;
-const SURFACE_STEPS: f64 = 0.452;
-/// Places that it gives this probability are looked at as well, however weak their edge is, and if no edge of the picture is within so
-/// many px (some of its bins): what is no candidate cannot make another less sure.
-const LIKELY_PLACE: f64 = 0.03;
-const SEEN_APART_PX: f64 = 20.0;
-
-/// The network's probability of an edge counts up to this: it also draws lines of print, and surely.
-const NETWORK_MOST: f32 = 0.4;
-/// A line that is less likely than the best by this before its corners and it are looked at is none: of 5,294 sides of rendered faces, no
-/// right line was less likely by 5.
-const MOST_BEHIND_BEST: f64 = 6.0;
-/// Lines of a side that are found, that are kept whatever the network of sides says, their distance and the least share of the side on which they are seen.
-const FOUND_LINES: usize = 60;
-const KEPT_LINES: usize = 14;
-const LINES_APART_PX: f64 = 5.0;
-const LEAST_STRENGTH: f32 = 0.35;
-/// Guesses of all sides together; most stay from the second on.
-const MOST_GUESSES: usize = 3;
-/// Stretches to both sides of a line that are looked at begin and end so far from it, px.
-const WINDOW_PX: (f64, f64) = (8.0, 80.0);
-/// A stripe's end and a line are at the same place or not, px: single ends scatter by 2 px, traced ones by a block of rows.
-const END_AT_LINE_PX: f64 = 5.0;
-const END_ELSEWHERE_PX: f64 = 8.0;
-const TRACED_END_AT_LINE_PX: f64 = 12.0;
-/// The outline's side is this line if it is no farther, px.
-const OUTLINE_PX: f64 = 12.0;
-/// Evidence of a stripe that one place of 8 px gives, and the most that counts: print hides it for a while.
-const PLACE_PX: f64 = 8.0;
-const MOST_PER_PLACE: f64 = 4.0;
-const MOST_LOST: f64 = 8.0;
-/// A stripe goes on if ending it here loses more than this.
-const LEAST_LOST: f64 = 1.0;
 
 /// A stripe outwards from the middle: places (mm) and the running sum of what speaks for its being on the plane.
 struct StripeSum {
@@ -191,15 +243,18 @@ impl Evidence<'_> {
     pub fn settled(&self) -> Option<Vec<Vec<Line>>> {
         let mut offsets_mm = self.outline.offsets_mm;
         let mut lines = self.of_sides(&offsets_mm)?;
-        for _ in 1..MOST_GUESSES {
+        for _ in 1..self.settings.most_guesses {
+            let log_weight = |line: &Line| line.log_weight(&self.settings.weights);
             let likeliest = |lines: &Vec<Line>| {
-                Some(lines.iter().max_by(|a, b| a.log_weight().total_cmp(&b.log_weight()))?.offset_mm)
+                Some(lines.iter().max_by(|a, b| log_weight(a).total_cmp(&log_weight(b)))?.offset_mm)
             };
             let mut next_mm = offsets_mm;
             for (next_mm, lines) in next_mm.iter_mut().zip(&lines) {
                 *next_mm = likeliest(lines)?;
             }
-            let moved = |(a, b): (&f64, &f64)| (a - b).abs() > OUTLINE_PX * self.outline.mm_per_px;
+            let moved = |(a, b): (&f64, &f64)| {
+                (a - b).abs() > self.settings.traced_at_line_px * self.outline.mm_per_px
+            };
             if !next_mm.iter().zip(&offsets_mm).any(moved) {
                 break;
             }
@@ -211,6 +266,7 @@ impl Evidence<'_> {
 
     /// Lines that may be a side, in no order; `offsets_mm` are all four sides as they are known.
     pub fn lines(&self, side: usize, offsets_mm: &[f64; 4]) -> Option<Vec<Line>> {
+        let settings = self.settings;
         let (across, high) = SIDES[side];
         let px = self.outline.mm_per_px;
         let inner = innermost(self.calibration, self.wide, self.raster, SIDES[side], px)?;
@@ -219,24 +275,30 @@ impl Evidence<'_> {
         let (from_mm, to_mm) = if high { (inner, outer) } else { (-outer, -inner) };
         let range = ScanRange { across, from_mm, to_mm, span_mm, step_mm: 0.8 * px };
         let scan = SideScan::new(self.frame, self.calibration, self.raster, &range);
-        let mut found = scan.candidates(TURN_PX * px, LINES_APART_PX * px, LEAST_STRENGTH, FOUND_LINES);
-        if found.len() > KEPT_LINES {
-            let weaker = found.split_off(KEPT_LINES);
+        let mut found = scan.candidates(
+            TURN_PX * px,
+            settings.lines_apart_px * px,
+            settings.least_strength,
+            settings.found_lines,
+        );
+        if found.len() > settings.kept_lines {
+            let weaker = found.split_off(settings.kept_lines);
             let likely = |e: &EdgeCandidate| {
-                self.seen
-                    .is_some_and(|(axes, odds)| odds.at(side, axes.bin(side, e.offset_mm)) >= LIKELY_PLACE)
+                self.seen.is_some_and(|(axes, odds)| {
+                    odds.at(side, axes.bin(side, e.offset_mm)) >= settings.likely_place
+                })
             };
             found.extend(weaker.into_iter().filter(likely));
         }
         let own = offsets_mm[side];
-        if found.iter().all(|e| (e.offset_mm - own).abs() > LINES_APART_PX * px) {
+        if found.iter().all(|e| (e.offset_mm - own).abs() > settings.lines_apart_px * px) {
             found.push(EdgeCandidate { offset_mm: own, strength: 0.0 });
         }
         if let Some((axes, odds)) = self.seen {
-            for bin in odds.likely(side, LIKELY_PLACE) {
+            for bin in odds.likely(side, settings.likely_place) {
                 let offset_mm = axes.offset_mm(side, bin);
                 let out_mm = outward_sign(side) * offset_mm;
-                let apart = |e: &EdgeCandidate| (e.offset_mm - offset_mm).abs() > SEEN_APART_PX * px;
+                let apart = |e: &EdgeCandidate| (e.offset_mm - offset_mm).abs() > settings.seen_apart_px * px;
                 if out_mm > inner && out_mm < outer && found.iter().all(apart) {
                     found.push(EdgeCandidate { offset_mm, strength: 0.0 });
                 }
@@ -245,10 +307,13 @@ impl Evidence<'_> {
         let stripes = self.stripe_sums(side);
         let known: Vec<Clues> =
             found.iter().map(|e| self.without_corners(side, offsets_mm, &stripes, e)).collect();
-        let weights = if self.network.is_some() { &CLUE_WEIGHTS } else { &CLUE_WEIGHTS_ALONE };
-        let best = known.iter().map(|clues| clues.log_odds(weights)).fold(f64::NEG_INFINITY, f64::max);
-        let likely =
-            found.iter().zip(&known).filter(|(_, clues)| clues.log_odds(weights) > best - MOST_BEHIND_BEST);
+        let weigh = &settings.weights;
+        let clues_weights = if self.network.is_some() { &weigh.clues } else { &weigh.clues_alone };
+        let best = known.iter().map(|clues| clues.log_odds(clues_weights)).fold(f64::NEG_INFINITY, f64::max);
+        let likely = found
+            .iter()
+            .zip(&known)
+            .filter(|(_, clues)| clues.log_odds(clues_weights) > best - settings.most_behind_best);
         let lines = likely.map(|(e, known)| {
             let (stop, seen) = self.corners(side, offsets_mm, e.offset_mm);
             let stripes_light = StripeLight {
@@ -257,7 +322,7 @@ impl Evidence<'_> {
             };
             let clues = Clues { corners_stop: stop, corners_seen: seen, ..*known };
             let bin = self.seen.map(|(axes, _)| axes.bin(side, e.offset_mm));
-            let mut log_odds = clues.log_odds(weights);
+            let mut log_odds = clues.log_odds(clues_weights);
             if let Some(network) = self.network {
                 let place = Place {
                     side,
@@ -280,9 +345,9 @@ impl Evidence<'_> {
             }
             let seen = self.seen.zip(bin).map(|((_, odds), bin)| odds.at(side, bin));
             let [least, most] = stripes_light.beyond;
-            let light = LIGHT_ON_ONE * (most - least)
-                + LIGHT_MISSING * stripes_light.missing
-                + SURFACE_STEPS * stripes_light.step;
+            let light = weigh.light_on_one * (most - least)
+                + weigh.light_missing * stripes_light.missing
+                + weigh.surface_steps * stripes_light.step;
             Some(Line {
                 offset_mm: e.offset_mm,
                 log_odds,
@@ -322,12 +387,14 @@ impl Evidence<'_> {
         stripes: &[StripeSum; 2],
         edge: &EdgeCandidate,
     ) -> Clues {
+        let settings = self.settings;
         let (across, _) = SIDES[side];
         let (px, offset, out_mm) =
             (self.outline.mm_per_px, edge.offset_mm, outward_sign(side) * edge.offset_mm);
         let flag = |log_odds: bool| f64::from(u8::from(log_odds));
         let network = self.network.map_or(0.0, |network| {
-            self.map_along(network, across, offset, span_mm(offsets_mm, side)).min(NETWORK_MOST)
+            self.map_along(network, across, offset, span_mm(offsets_mm, side))
+                .min(settings.weights.most_map_edge)
         });
         let ends = stripe_ends::find(
             self.frame,
@@ -338,21 +405,22 @@ impl Evidence<'_> {
             self.wide.half_width_px,
         );
         let off_px = ends.map_or(f64::INFINITY, |e| (e.outwards_mm / e.mm_per_px).abs());
-        let elsewhere = ends.is_some_and(|e| e.agree) && off_px > END_ELSEWHERE_PX;
-        let same_mm = TRACED_END_AT_LINE_PX * px;
-        let goes_on = |s: &StripeSum| s.end_mm - out_mm > same_mm && s.lost(out_mm) > LEAST_LOST;
+        let elsewhere = ends.is_some_and(|e| e.agree) && off_px > settings.end_elsewhere_px;
+        let same_mm = settings.traced_at_line_px * px;
+        let goes_on = |s: &StripeSum| s.end_mm - out_mm > same_mm && s.lost(out_mm) > settings.least_lost;
         let run_on = flag(stripes.iter().all(goes_on));
         let leave = stripes.iter().all(|s| (s.end_mm - out_mm).abs() < same_mm);
-        let before = |s: &StripeSum| if s.end_mm < out_mm { s.lost(out_mm).min(MOST_LOST) } else { 0.0 };
+        let before =
+            |s: &StripeSum| if s.end_mm < out_mm { s.lost(out_mm).min(settings.most_lost) } else { 0.0 };
         let ended_before = before(&stripes[0]).min(before(&stripes[1]));
         Clues {
             strength: f64::from(edge.strength),
             network: f64::from(network),
             ends_elsewhere: flag(elsewhere),
-            end_here: flag(off_px <= END_AT_LINE_PX),
+            end_here: flag(off_px <= settings.end_at_line_px),
             ended_before,
             leaves_plane: flag(leave),
-            outline: flag((offset - self.outline.offsets_mm[side]).abs() <= OUTLINE_PX * px),
+            outline: flag((offset - self.outline.offsets_mm[side]).abs() <= settings.traced_at_line_px * px),
             run_on,
             run_on_unseen: run_on * (1.0 - f64::from(edge.strength)),
             ..Clues::default()
@@ -393,7 +461,7 @@ impl Evidence<'_> {
             let length_mm = places.last().map_or(0.0, |l| l.0) - places.first().map_or(0.0, |f| f.0);
             let spacing_px =
                 length_mm / self.outline.mm_per_px / places.len().saturating_sub(1).max(1) as f64;
-            let each = (spacing_px / PLACE_PX).min(MOST_PER_PLACE);
+            let each = (spacing_px / self.settings.place_px).min(self.settings.most_per_place);
             let mut result = StripeSum { sums: Vec::with_capacity(places.len()), end_mm: 0.0, most: 0.0 };
             let mut sum = 0.0;
             for (at, score) in places {
@@ -411,6 +479,7 @@ impl Evidence<'_> {
     /// where they meet it; means of both, 0 to 1.
     fn corners(&self, side: usize, offsets_mm: &[f64; 4], offset: f64) -> (f64, f64) {
         let px = self.outline.mm_per_px;
+        let (nearest, farthest) = self.settings.window_px;
         let (mut inside, mut beyond, mut corner) = (0.0, 0.0, 0.0);
         for other in if side < 2 { [2, 3] } else { [0, 1] } {
             let (across, place) = (SIDES[other].0, offsets_mm[other]);
@@ -429,8 +498,8 @@ impl Evidence<'_> {
                 let near = found.iter().filter(|e| (e.offset_mm - place).abs() < 6.0 * px);
                 near.map(|e| f64::from(e.strength)).fold(0.0, f64::max)
             };
-            inside += 0.5 * seen(-WINDOW_PX.1, -WINDOW_PX.0);
-            beyond += 0.5 * seen(WINDOW_PX.0, WINDOW_PX.1);
+            inside += 0.5 * seen(-farthest, -nearest);
+            beyond += 0.5 * seen(nearest, farthest);
             let Some(maps) = self.network.map(|network| &network.maps) else { continue };
             let unit = maps.px_per_raster_px() * px;
             let mut best = 0f32;

@@ -1,7 +1,7 @@
 //! The outlines that a face may have: the first one and those with other lines of the picture for some of its sides, each with its
 //! probability. Which it is may be told by the frame, or only together with the other frame of the box.
 
-use super::line_evidence::{Evidence, Line};
+use super::line_evidence::{Evidence, Line, LineSettings};
 use crate::calibration::Calibration;
 use crate::confidence::RIGHT_MM;
 use crate::face::extent::FaceStripes;
@@ -29,26 +29,46 @@ pub(crate) struct Pair {
     pub probability: f64,
 }
 
-/// Lines nearer than this are the same side, px: what lies between is decided where the edge is measured.
-const SAME_SIDE_PX: f64 = 10.0;
-/// That the likeliest line of a side is right, as a logistic function: a constant, and the weights of the logarithms of the odds that
-/// two judges give it who do not know each other, all evidence but the network of sides and that network, of a pixel's size on the
-/// face, mm, of what the stripes' light says, and of the logarithm of what all of it together leaves for other lines. Each judge is too
-/// sure of itself where it errs, and lines so many px apart are farther apart on a far face; fitted to 6,408 sides of rendered boxes of
-/// the learning and the choosing seeds, right where the measured side is within 5 mm (`training/weights.py`).
-const SURE: [f64; 6] = [-0.54, 0.19, 0.73, -1.72, 0.63, -0.52];
-/// A side on which all evidence but the network of sides favours another line is no surer than this: 16 of 16 that the network saw at 0.9
-/// or more are right, of which no more than (16 + 1) / (16 + 2) is learned (Laplace's rule of succession).
-const SURE_AGAINST_OTHERS: f64 = 17.0 / 18.0;
-/// The same without a network: one judge (`training/weights_alone.py`, the learning and the choosing seeds).
-const SURE_ALONE: [f64; 6] = [0.33, 0.99, 0.0, -0.92, 0.57, 0.04];
-/// What is left for other lines counts from this on: no model is surer.
-const LEAST_LEFT: f64 = 1e-6;
-/// Odds of both count up to these: of sides that the first calls surer than that, one in some hundred is wrong all the same.
-const MOST_ODDS: [f64; 2] = [150.0, 1e4];
-/// Outlines that are kept, and the least probability of one.
-const MOST_OUTLINES: usize = 10;
-const LEAST_PROBABILITY: f64 = 0.01;
+/// How lines become outlines, and how sure one is.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct OutlineSettings {
+    pub lines: LineSettings,
+    /// Lines nearer than this are the same side, px: what lies between is decided where the edge is measured. More: rivals beside the right
+    /// line are not counted.
+    same_side_px: f64,
+    /// That the likeliest line of a side is right, as a logistic function: a constant, and the weights of the logarithms of the odds that
+    /// two judges give it who do not know each other, all evidence but the network of sides and that network, of a pixel's size on the
+    /// face, mm, of what the stripes' light says, and of the logarithm of what all of it together leaves for other lines. Each judge is too
+    /// sure of itself where it errs, and lines so many px apart are farther apart on a far face; fitted to 6,408 sides of rendered boxes of
+    /// the learning and the choosing seeds, right where the measured side is within 5 mm (`training/weights.py`).
+    sure: [f64; 6],
+    /// A side on which all evidence but the network of sides favours another line is no surer than this: 16 of 16 that the network saw at
+    /// 0.9 or more are right, of which no more than (16 + 1) / (16 + 2) is learned (Laplace's rule of succession).
+    sure_against_others: f64,
+    /// The same as `sure` without a network: one judge (`training/weights_alone.py`, the learning and the choosing seeds).
+    sure_alone: [f64; 6],
+    /// What is left for other lines counts from this on: no model is surer.
+    least_left: f64,
+    /// Odds of both judges count up to these: of sides that the first calls surer than that, one in some hundred is wrong all the same.
+    most_odds: [f64; 2],
+    /// Outlines that are kept, and the least probability of one. More outlines, and less probable ones: slower.
+    most_outlines: usize,
+    least_probability: f64,
+}
+
+impl OutlineSettings {
+    pub const DEFAULT: Self = Self {
+        lines: LineSettings::DEFAULT,
+        same_side_px: 10.0,
+        sure: [-0.54, 0.19, 0.73, -1.72, 0.63, -0.52],
+        sure_against_others: 17.0 / 18.0,
+        sure_alone: [0.33, 0.99, 0.0, -0.92, 0.57, 0.04],
+        least_left: 1e-6,
+        most_odds: [150.0, 1e4],
+        most_outlines: 10,
+        least_probability: 0.01,
+    };
+}
 
 /// Lines of a side that are the same.
 #[derive(Clone, Copy, Debug)]
@@ -68,16 +88,27 @@ pub(crate) fn outlines(
     lit: &LitLines,
 ) -> Option<Vec<OutlineHypothesis>> {
     let raster = outline.raster.on(&wide.fit.plane);
-    let evidence = Evidence { frame, calibration, raster: &raster, outline, network, wide, seen, lit };
+    let settings = &OutlineSettings::DEFAULT;
+    let evidence = Evidence {
+        frame,
+        calibration,
+        raster: &raster,
+        outline,
+        network,
+        wide,
+        seen,
+        lit,
+        settings: &settings.lines,
+    };
     let lines =
         if network.is_some() { evidence.of_sides(&outline.offsets_mm)? } else { evidence.settled()? };
     let mut sides = Vec::with_capacity(4);
     let mut weighted: [Vec<WeightedLine>; 4] = Default::default();
     for (lines, weighted) in lines.into_iter().zip(&mut weighted) {
-        let share = softmax(&lines, Line::log_weight_beside);
+        let share = softmax(&lines, |line| line.log_weight_beside(&settings.lines.weights));
         *weighted =
             lines.iter().map(|line| WeightedLine { offset_mm: line.offset_mm, share: share(line) }).collect();
-        sides.push(choices(lines, outline.mm_per_px));
+        sides.push(choices(lines, outline.mm_per_px, settings));
     }
     let mut combined = vec![(1.0, [0; 4])];
     for (side, choices) in sides.iter().enumerate() {
@@ -92,11 +123,11 @@ pub(crate) fn outlines(
         combined = combined
             .iter()
             .flat_map(longer)
-            .filter(|(probability, _)| *probability >= LEAST_PROBABILITY)
+            .filter(|(probability, _)| *probability >= settings.least_probability)
             .collect();
     }
     combined.sort_by(|a, b| b.0.total_cmp(&a.0));
-    combined.truncate(MOST_OUTLINES);
+    combined.truncate(settings.most_outlines);
     let rival = |(probability, chosen): (f64, [usize; 4])| {
         let choice = |side: usize| sides[side][chosen[side]];
         let pair = |low: usize| Pair {
@@ -114,11 +145,13 @@ pub(crate) fn outlines(
 }
 
 /// Lines that are the same side taken together, likeliest first; the likeliest of those beside each other stands for them.
-fn choices(mut lines: Vec<Line>, mm_per_px: f64) -> Vec<Choice> {
-    let same_mm = SAME_SIDE_PX * mm_per_px;
-    let weight = softmax(&lines, Line::log_weight);
+fn choices(mut lines: Vec<Line>, mm_per_px: f64, settings: &OutlineSettings) -> Vec<Choice> {
+    let same_mm = settings.same_side_px * mm_per_px;
+    let weights = &settings.lines.weights;
+    let log_weight = |line: &Line| line.log_weight(weights);
+    let weight = softmax(&lines, log_weight);
     let share = softmax(&lines, |line| line.log_odds);
-    lines.sort_by(|a, b| b.log_weight().total_cmp(&a.log_weight()));
+    lines.sort_by(|a, b| log_weight(b).total_cmp(&log_weight(a)));
     let judges = lines.first().map(|best| {
         let near = |line: &&Line| (line.offset_mm - best.offset_mm).abs() <= same_mm;
         (lines.iter().filter(near).map(share).sum::<f64>(), best.seen)
@@ -128,7 +161,8 @@ fn choices(mut lines: Vec<Line>, mm_per_px: f64) -> Vec<Choice> {
     while let Some(best) = lines.first().copied() {
         let near = |l: &Line| (l.offset_mm - best.offset_mm).abs() <= same_mm;
         let sum: f64 = lines.iter().filter(|l| near(l)).map(&weight).sum();
-        let beside = |p: &&Line, q: &&Line| p.log_weight_beside().total_cmp(&q.log_weight_beside());
+        let beside =
+            |p: &&Line, q: &&Line| p.log_weight_beside(weights).total_cmp(&q.log_weight_beside(weights));
         let offset_mm = lines.iter().filter(|l| near(l)).max_by(beside).unwrap_or(&best).offset_mm;
         lines.retain(|l| !near(l));
         found.push(Choice { offset_mm, probability: sum });
@@ -137,7 +171,7 @@ fn choices(mut lines: Vec<Line>, mm_per_px: f64) -> Vec<Choice> {
         // What is near enough to be right with it is in its probability: only lines farther away share what is left.
         let right = |c: &Choice| (c.offset_mm - best.offset_mm).abs() <= RIGHT_MM;
         found.retain(|c| c.offset_mm == best.offset_mm || !right(c));
-        let sure = surely(judges, mm_per_px, best_light, 1.0 - best.probability);
+        let sure = settings.surely(judges, mm_per_px, best_light, 1.0 - best.probability);
         let others: f64 = found.iter().skip(1).map(|c| c.probability).sum();
         let share = if others > 0.0 { ((1.0 - sure) / others).min(1.0) } else { 1.0 };
         found.iter_mut().skip(1).for_each(|choice| choice.probability *= share);
@@ -154,22 +188,29 @@ fn softmax<F: Fn(&Line) -> f64>(lines: &[Line], log_weight: F) -> impl Fn(&Line)
     move |line| (log_weight(line) - most).exp() / total
 }
 
-/// See [`SURE`]; what the two judges say, the light, and what is left for other lines.
-fn surely((share, seen): (f64, Option<f64>), mm_per_px: f64, light: f64, left: f64) -> f64 {
-    let odds = |p: f64, most: f64| (p.max(0.0) / (1.0 - p).max(0.0)).clamp(1.0 / most, most).ln();
-    let [constant, by_share, by_seen, by_size, by_light, by_left] =
-        if seen.is_some() { SURE } else { SURE_ALONE };
-    let judged =
-        by_share * odds(share, MOST_ODDS[0]) + seen.map_or(0.0, |seen| by_seen * odds(seen, MOST_ODDS[1]));
-    let logit =
-        constant + judged + by_size * mm_per_px.ln() + by_light * light + by_left * left.max(LEAST_LEFT).ln();
-    let most = if seen.is_some() && share < 0.5 { SURE_AGAINST_OTHERS } else { 1.0 };
-    (1.0 / (1.0 + (-logit).exp())).min(most)
+impl OutlineSettings {
+    /// That the likeliest line is right: what the two judges say, the light, and what is left for other lines.
+    fn surely(&self, (share, seen): (f64, Option<f64>), mm_per_px: f64, light: f64, left: f64) -> f64 {
+        let odds = |p: f64, most: f64| (p.max(0.0) / (1.0 - p).max(0.0)).clamp(1.0 / most, most).ln();
+        let [constant, by_share, by_seen, by_size, by_light, by_left] =
+            if seen.is_some() { self.sure } else { self.sure_alone };
+        let [most_share, most_seen] = self.most_odds;
+        let judged =
+            by_share * odds(share, most_share) + seen.map_or(0.0, |seen| by_seen * odds(seen, most_seen));
+        let of_rest = by_size * mm_per_px.ln() + by_light * light + by_left * left.max(self.least_left).ln();
+        let logit = constant + judged + of_rest;
+        let most = if seen.is_some() && share < 0.5 { self.sure_against_others } else { 1.0 };
+        (1.0 / (1.0 + (-logit).exp())).min(most)
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn choices(lines: Vec<Line>, mm_per_px: f64) -> Vec<Choice> {
+        super::choices(lines, mm_per_px, &OutlineSettings::DEFAULT)
+    }
 
     fn line(offset_mm: f64, log_odds: f64, seen: f64) -> Line {
         Line { offset_mm, log_odds, seen: Some(seen), strength: 0.5, ..Line::default() }
