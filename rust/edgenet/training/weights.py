@@ -98,7 +98,7 @@ def sure(sides: dict, w: torch.Tensor) -> torch.Tensor:
 
 
 def called_hidden(sides: dict) -> dict:
-    """HIDDEN_PROBABILITY of scene/hidden.rs: the share of faces with a side that the network of sides calls hidden at least so surely."""
+    """`least_probability` of scene/hidden.rs: the share of faces with a side that the network of sides calls hidden at least so surely."""
     faces = defaultdict(float)
     for (recording, frame, _), lines in sides.items():
         faces[recording, frame] = max([faces[recording, frame]] + [line["hidden"] for line in lines])
