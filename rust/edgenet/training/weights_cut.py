@@ -17,7 +17,7 @@ import torch
 from weights import RIGHT_MM, features, read
 from weights import fit as fit_lines
 
-LEAST_NOT_IN_VIEW, LEAST_MASK = 1e-5, 1e-3  # as in cut.rs
+LEAST_NOT_IN_VIEW, LEAST_MASK = 1e-5, 1e-3  # least_not_in_view and least_mask of cut.rs
 CUT_FRAMES, SIDES = 0.05, 4  # an assumption: of twenty frames one is cut, at one side
 FAR_PX = 35.0  # a line nearer to the side than this is no line within the face
 
