@@ -17,25 +17,26 @@ use std::f64::consts::PI;
 
 /// Which lines may make the rectangle.
 #[derive(Clone, Copy, Debug)]
-struct OutlineSettings {
-    /// Opposite sides are parallel on the plane to this, rad: half a degree of a cell of the transform, more on an oblique face. More lets other
-    /// lines in.
+struct PaperOutlineSettings {
+    /// Opposite sides are parallel on the plane to this, rad: the transform's cells are half a degree in the picture, more on an oblique face. More
+    /// lets other lines in.
     parallel_rad: f64,
     /// Lines whose direction is tried, and lines that are kept a side; strongest first. More takes longer.
     directions_tried: usize,
     lines_a_side: usize,
     /// Share of a side along which the map must show an edge: stripes and print hide some of it. More refuses more faces.
     least_share: f64,
-    /// Distance from the foot of a line at which its direction on the plane is taken, px. More leaves the picture.
+    /// Distance from the foot of a line at which its direction on the plane is taken, px. More reaches beyond the picture, where
+    /// distortion is not known.
     along_px: f64,
 }
 
-impl OutlineSettings {
+impl PaperOutlineSettings {
     const DEFAULT: Self =
         Self { parallel_rad: 0.05, directions_tried: 12, lines_a_side: 6, least_share: 0.5, along_px: 60.0 };
 }
 
-impl Default for OutlineSettings {
+impl Default for PaperOutlineSettings {
     fn default() -> Self {
         Self::DEFAULT
     }
@@ -92,7 +93,7 @@ pub(crate) fn hough_outline(
 
 /// What the search looks at.
 struct Search<'a> {
-    settings: OutlineSettings,
+    settings: PaperOutlineSettings,
     calibration: &'a Calibration,
     map: MapView<'a>,
     raster: PlaneRaster,
@@ -133,7 +134,7 @@ impl<'a> Search<'a> {
             .into_iter()
             .map(|(i, j)| raster.on_plane(calibration, crossing_px(calibration, plane, i, j)?))
             .collect::<Option<Vec<_>>>()?;
-        let settings = OutlineSettings::default();
+        let settings = PaperOutlineSettings::default();
         Some(Self { settings, calibration, map, raster, mm_per_px, crossings, middle_px })
     }
 
