@@ -48,7 +48,7 @@ struct HoughSettings {
     /// along a stripe for it.
     stripe_px: f64,
     /// How far along a pixel's line it is asked whether that is parallel to the stripe, pixels of the map. More asks for the same direction more
-    /// exactly.
+    /// exactly: pixels of a stripe whose direction is rough pass for an edge's.
     parallel_px: f64,
     /// ... and how far it may be off there. More takes edges that cross a stripe for it.
     off_parallel_px: f64,

@@ -37,7 +37,8 @@ struct CheckSettings {
     /// A laser is named if no other explains the stripes as well: its chi-square is larger by this (odds of 1 to 20). More leaves more lasers
     /// without a name.
     clearly: f64,
-    /// Fewest centres with which a stripe's line and bend can be judged. More leaves short stripes without checks.
+    /// Fewest centres with which a stripe's line and bend can be judged. A face with a stripe of fewer is not checked at all: more leaves small
+    /// faces without checks.
     least_centres: usize,
     /// Variance that the noise about a parabola does not show: the sum of correlations ends where it is lost in noise, which leaves out
     /// about a tenth of it for neighbours that go together by 0.6. More misses what fails by little.

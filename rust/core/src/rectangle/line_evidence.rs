@@ -104,12 +104,14 @@ pub(crate) struct EvidenceWeights {
     /// Of [`Clues`] where there is no network (two of them are a network's): 2,728 sides of the learning seeds (`training/weights_alone.py`).
     clues_alone: [f64; 11],
     /// Of the network of lines, of the network of sides, and of the stripes' light and steps, together: rendered boxes of the learning seeds
-    /// (`training/weights.py`). One that is larger than fitted makes its judge too sure.
+    /// (`training/weights.py`). One that is larger than fitted lets its judge decide against the others.
     line_network: f64,
     sides_network: f64,
     /// Light goes on beyond the line on one stripe. On both it says nothing: the networks tell a flush neighbour from print.
     light_on_one: f64,
+    /// Light is missing inside the line.
     light_missing: f64,
+    /// The surface steps at the line ([`crate::scene::step`]).
     surface_steps: f64,
     /// Added to the probability of a place by the network of sides, so that it never rules one out. More: it rules out less.
     least_seen: f64,
@@ -162,18 +164,21 @@ pub(crate) struct LineSettings {
     /// The adjacent sides' edges are looked at from so far to so far inside of a line and beyond it, px: from where its blur is over. A
     /// longer stretch sees weaker edges and more of what is not the side's.
     window_px: (f64, f64),
-    /// A stripe's end is at a line or elsewhere, px: single ends scatter by 2 px. More: lines beside the right one have its end too.
+    /// A stripe's end is at a line if it is no farther, px: single ends scatter by 2 px. More: lines beside the right one have its end too.
     end_at_line_px: f64,
+    /// Two ends that agree are elsewhere if they are farther, px. More: they speak against fewer wrong lines.
     end_elsewhere_px: f64,
-    /// A traced end is at a line, and the outline's side is the line, within so many px: traces go by blocks of 8 rows. More: as before.
+    /// A traced end is at a line, and the outline's side is the line, within so many px: traces go by blocks of 8 rows. More: lines
+    /// beside the right one pass for it.
     traced_at_line_px: f64,
     /// Evidence of a stripe is counted once in so many px. More: a stripe says less.
     place_px: f64,
-    /// The most that one such place gives, and that all give against an end before the line: print hides a stripe for a while. More:
-    /// dark print ends a face.
+    /// So many such places is the most that a point of a stripe stands for. More: few points with wide gaps decide.
     most_per_place: f64,
+    /// The most that counts against a line beyond a stripe's likeliest end, nats: print hides a stripe for a while. More: dark print ends a
+    /// face.
     most_lost: f64,
-    /// A stripe goes on if ending it here loses more than this, nats. More: fewer sides count as open.
+    /// A stripe goes on beyond a line if ending it there loses more than this, nats. More: less speaks against lines of print within the face.
     least_lost: f64,
 }
 
@@ -391,7 +396,7 @@ impl Evidence<'_> {
         let (across, _) = SIDES[side];
         let (px, offset, out_mm) =
             (self.outline.mm_per_px, edge.offset_mm, outward_sign(side) * edge.offset_mm);
-        let flag = |log_odds: bool| f64::from(u8::from(log_odds));
+        let flag = |yes: bool| f64::from(u8::from(yes));
         let network = self.network.map_or(0.0, |network| {
             self.map_along(network, across, offset, span_mm(offsets_mm, side))
                 .min(settings.weights.most_map_edge)

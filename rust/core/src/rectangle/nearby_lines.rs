@@ -9,8 +9,8 @@ use crate::warning::{Warning, WarningKind};
 /// Which lines pull at a measured side, and by how much.
 #[derive(Clone, Copy, Debug)]
 struct NearbySettings {
-    /// Lines no farther from a measured side than both of these pull at it, px and mm; it counts as right along any that is within
-    /// [`RIGHT_MM`]. More takes another candidate for a line of this side and makes its sigma larger.
+    /// Lines no farther from a measured side than both of these pull at it, px and mm, and all within [`RIGHT_MM`], along any of which it
+    /// counts as right. More takes another candidate for a line of this side and makes its sigma larger.
     reach_px: f64,
     reach_mm: f64,
     /// An edge of the picture has weaker ones beside it up to so far away, px: its blur, both ends of its rounding. More takes another line,

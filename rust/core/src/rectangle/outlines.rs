@@ -44,15 +44,18 @@ pub(crate) struct OutlineSettings {
     sure: [f64; 6],
     /// A side on which all evidence but the network of sides favours another line is no surer than this: 16 of 16 that the network saw at
     /// 0.9 or more are right, of which no more than (16 + 1) / (16 + 2) is learned (Laplace's rule of succession).
+    /// More: sides on which the judges differ are too sure.
     sure_against_others: f64,
     /// The same as `sure` without a network: one judge (`training/weights_alone.py`, the learning and the choosing seeds).
     sure_alone: [f64; 6],
-    /// What is left for other lines counts from this on: no model is surer.
+    /// What is left for other lines counts from this on: no model is surer. More: clear sides are less sure.
     least_left: f64,
     /// Odds of both judges count up to these: of sides that the first calls surer than that, one in some hundred is wrong all the same.
+    /// More: a judge that errs is believed more.
     most_odds: [f64; 2],
-    /// Outlines that are kept, and the least probability of one. More outlines, and less probable ones: slower.
+    /// Outlines that are kept. More: slower.
     most_outlines: usize,
+    /// Least probability of one. More: the right one may be lost before the other frame tells which it is. Less: slower.
     least_probability: f64,
 }
 

@@ -51,7 +51,7 @@ pub(crate) struct RoundingSettings {
     behind_px: usize,
     /// Most positions along a side at which one is taken, 2 px apart on short sides. More takes longer.
     most_positions: usize,
-    /// Blocks of a side whose spread is the noise. More have fewer positions each and follow print.
+    /// Blocks of a side whose spread is the noise. More share print and shadow with their neighbours, and the noise comes out too small.
     blocks: usize,
     /// Part of the side at each corner that is left out. More leaves less to average.
     corner_share: f64,
@@ -63,11 +63,13 @@ pub(crate) struct RoundingSettings {
     radii_mm: [f64; 2],
     /// How likely a radius just beyond cardboard's is, against one within. More lets print pass for an odd rounding.
     unusual: f64,
-    /// Places of the sharp edge that are tried, in sigmas of what the radius alone tells. More is coarser and trusts the rule less.
+    /// Places of the sharp edge that are tried, in sigmas of what the radius alone tells. More is coarser and lets a profile draw
+    /// the edge farther away.
     places_sigmas: f64,
     /// Blur of lens, motion and demosaicing that is tried, px.
     blurs_px: [f64; 3],
-    /// ... its median, px, and the scatter of its logarithm. A larger median takes sharp edges for rounder ones.
+    /// ... its median, px, and the scatter of its logarithm. A larger median takes rounded edges for blurred sharp ones, a larger scatter lets
+    /// profiles tell less of the radius.
     blur_px: f64,
     blur_scatter: f64,
     /// Light on a surface turned by a quarter, and the part of the light that does not change with the turn, over the light on the face (or
@@ -79,8 +81,8 @@ pub(crate) struct RoundingSettings {
     /// Turns of the arc at which lamps rise, and their light. A larger sigma explains print by lamps.
     rises_rad: [f64; RISES],
     lamp: Spread,
-    /// What the model leaves out of a profile (lamps that set within the arc, gloss, wear), as a share of the light. More believes every profile
-    /// less.
+    /// What the model leaves out of a profile (lamps that set within the arc, gloss, wear), as a share of the light. More weighs all samples
+    /// alike, however noisy they are, and lets strange profiles in.
     model: f64,
     /// Chi-square per degree of freedom from which a profile is not that of a rounded edge: print, a shadow or a neighbour beside it. More lets
     /// such profiles in.
@@ -101,7 +103,7 @@ pub(crate) struct RoundingSettings {
     /// What neither shading nor ends know of: crushed edges, tape, flaps that stand off, mm. With it the 95 % intervals of 95 % of 357 sides of
     /// rendered faces hold the truth. More makes intervals too wide.
     wear_mm: f64,
-    /// Scatter of a side's line, px. More spreads the places that are tried.
+    /// Scatter of a side's line, px. More spreads the places that are tried and makes sigmas larger.
     line_px: f64,
     /// Samples of the drawn arc a px. More takes longer.
     per_px: usize,

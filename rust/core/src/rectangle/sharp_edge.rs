@@ -45,9 +45,11 @@ struct SharpEdgeSettings {
     least_points: usize,
     /// What remains of a measured side, mm: flatness of the neighbouring face near the edge. More lets the stripes say less.
     flatness_mm: f64,
-    /// Both ends of a side want it elsewhere if that is farther than this many sigmas and px: edges and ends scatter by 1 to 2 px. More keeps
-    /// a side that lies on print.
+    /// Stripes' ends contradict a side's line from this many sigmas on; the side may then be at either place. More takes the line where the
+    /// ends are right.
     misplaced_sigmas: f64,
+    /// ... and two ends that agree want it elsewhere if that is farther than so many px too: edges and ends scatter by 1 to 2 px. More keeps
+    /// a side that lies on print.
     misplaced_px: f64,
     /// Beyond a crease with a greater tangent of the view a stripe may run on along nearly the same line in the picture. More takes its end on
     /// the neighbouring face for that of the face.

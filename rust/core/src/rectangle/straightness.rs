@@ -16,6 +16,7 @@ const LEAST_PIECES: usize = 5;
 /// What a bow's square over its variance may be on a straight side: one sound face in a thousand has a side with more. Student's
 /// distribution, two-sided, 1 in 4,000, with 2, 3 ... 9 degrees of freedom: those of 5 ([`LEAST_PIECES`]), 6 ... 12 pieces.
 const LIMITS: [f64; PIECES - LEAST_PIECES + 1] = [3998.2, 424.5, 151.6, 85.3, 59.4, 46.4, 38.9, 34.0];
+
 /// What is told of a side's straightness.
 #[derive(Clone, Copy, Debug)]
 struct StraightnessSettings {

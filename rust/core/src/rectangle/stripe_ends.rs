@@ -28,7 +28,7 @@ struct StripeEndSettings {
     /// The stripe is looked at from so far inside the side's line to so far beyond it, px along it. More meets print and other ends.
     inside_px: u16,
     beyond_px: u16,
-    /// Fewest samples inside and beyond the step. More loses ends far beyond the line, less takes a few bright or dark samples for one.
+    /// Fewest samples inside and beyond the step. More loses ends far inside and far beyond the line, less takes a few bright or dark samples for one.
     least_inside: usize,
     least_beyond: usize,
     /// Half width of the stripe's bright middle. More takes in its dimmer flanks, less scatters more.

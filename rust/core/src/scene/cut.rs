@@ -14,18 +14,19 @@ use crate::view::SideOdds;
 /// Logarithm of the odds that a side is cut off: a constant, and a weight for each of three clues.
 /// Of twenty faces one is taken to be cut, at one side (an assumption). Fitted to 6,178 right sides of the learning and choosing seeds and to
 /// 57 lines within cut faces of the learning seeds; left out in tenths, 1.5 % of the right ones and all of the others are cut off with a
-/// probability of 0.01 or more (`training/weights_cut.py`).
+/// probability of 0.01 or more (`training/weights_cut.py`). A weight that is larger than fitted lets its clue decide against the others.
 #[derive(Clone, Copy, Debug)]
 struct CutWeights {
     /// More refuses more faces that are whole, less measures more that are cut.
     constant: f64,
     /// Of the logarithm of the probability that the network of sides gives the side to be outside the picture, and the least one that is
-    /// believed, which bounds what the network can say against it.
+    /// believed, which bounds what the network can say against it: more bounds it closer.
     by_network: f64,
     least_not_in_view: f64,
     /// Of what the light says.
     by_light: f64,
-    /// Of the logarithm of the odds that the map of faces gives what is beyond, and the least share on either hand that is believed.
+    /// Of the logarithm of the odds that the map of faces gives what is beyond, and the least share on either hand that is believed:
+    /// more lets a sure map say less.
     by_mask: f64,
     least_mask: f64,
 }

@@ -19,13 +19,14 @@ struct HiddenSettings {
     /// (30 hidden ones to 66 whole ones): what is less than `least_probability` makes the face less sure by them. More: all faces are less sure.
     prior_odds: f64,
     /// How much oftener both stripes of a side jump to an object at its line where something hides a piece of the face than where nothing
-    /// does: at 4 of 320 hidden faces and none of 756 sound ones of the learning and choosing seeds, half a face added to each.
+    /// does: at 4 of 320 hidden faces and none of 756 sound ones of the learning and choosing seeds, half a face added to each. More: such
+    /// objects alone refuse a face.
     in_front_odds: f64,
     /// A face of which a side is taken to be where such an object's edge is comes out wrong if it is one, and a wrong result counts as much
-    /// as a hundred refusals: it is refused from this probability on.
+    /// as a hundred refusals: it is refused from this probability on. More: more of them are measured wrong.
     at_objects_edge: f64,
     /// A face that is measured though something hides a piece of it is wrong so often: 2 of 12 that passed of 100 of the choosing seeds, in
-    /// an interval of 95 % at most this.
+    /// an interval of 95 % at most this. More: all faces are less sure.
     wrong: f64,
 }
 

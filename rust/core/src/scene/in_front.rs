@@ -21,8 +21,8 @@ use crate::units::{LaserId, Px};
 /// How light in front of a face is looked for, and what of it is an object's.
 #[derive(Clone, Copy, Debug)]
 struct InFrontSettings {
-    /// Light is looked for from so far inside a side's line to so far beyond it, rows (or columns) along the stripe. More takes longer and finds
-    /// what does not begin at the line.
+    /// Light is looked for from so far inside a side's line to so far beyond it, rows (or columns) along the stripe. More takes longer, and
+    /// brighter light that begins elsewhere is looked at instead of what begins at the line.
     inside_px: i32,
     beyond_px: i32,
     /// ... and up to so far from the stripe, px along a row: 240 mm of height at 0.7 m, 700 mm at 1.2 m. More takes longer and meets other
@@ -57,7 +57,7 @@ struct InFrontSettings {
     /// Heights of both stripes that differ by less than this share are one object's. More takes two things for one.
     same_height: f64,
     /// What is seen so near the line is at it, px: lines of a side that are nearer than 10 px are the same, and a piece begins some rows early
-    /// or late. More takes what stands beside the face for what hides it.
+    /// or late. More takes what stands beside the face for what hides it, and misses objects whose foot is near the line.
     at_line_px: f64,
 }
 

@@ -47,7 +47,8 @@ pub(crate) struct LightSettings {
     scatter_places: i32,
     /// What light is expected at least, of what a row's red would add as other rows do. More takes dim light for none.
     expected_share: f32,
-    /// ... and of what is left up to the picture's limit. More takes saturated rows for unlit ones.
+    /// Where that is more than fits below the picture's limit, this share of what is left up to it stands for it. More takes saturated rows for
+    /// unlit ones.
     headroom_share: f32,
     /// How likely a row is that is neither lit as expected nor unlit, beside the likeliest one: print. No row says more than this leaves, 2.0.
     /// More lets every row say less.
