@@ -7,6 +7,7 @@
 use crate::confidence::RIGHT_MM;
 use crate::measurement::{BoxMeasurement, FaceMeasurement, Outcome};
 use crate::reject::Reject;
+use crate::statistics::chi_square_limit;
 use crate::units::{Estimate, Volume};
 use crate::warning::{Warning, WarningKind};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
@@ -17,8 +18,6 @@ const SAME_SIGMAS: f64 = 4.0;
 const SAME_MM: f64 = 2.0;
 /// ... nor than this share of the side.
 const SAME_SHARE: f64 = 0.004;
-/// Chi-square of the difference that one sound box in a thousand exceeds.
-const CHI_SQUARE_LIMIT: f64 = 10.83;
 
 /// How often two sides of a box are equal, and over how many mm the difference of two others spreads: of the pairs of sides of 818 boxes of the
 /// learning and choosing seeds 0.040 are equal, and 0.127 of the others within 20 mm. An assumption for boxes of the world, of which many
@@ -93,9 +92,9 @@ impl SharedSide {
             found,
             sigma,
             chi_square,
-            limit: CHI_SQUARE_LIMIT,
+            limit: chi_square_limit(1),
         };
-        (chi_square > CHI_SQUARE_LIMIT).then_some(warning)
+        (chi_square > chi_square_limit(1)).then_some(warning)
     }
 }
 

@@ -49,6 +49,12 @@ pub fn tukey_weight(sigmas: f64) -> f64 {
     (1.0 - (sigmas / TUKEY).powi(2)).max(0.0).powi(2)
 }
 
+/// Chi-square that one sound case in a thousand exceeds, with 1 to 4 degrees of freedom.
+pub(crate) const fn chi_square_limit(degrees: usize) -> f64 {
+    const AT_0_999: [f64; 4] = [10.83, 13.82, 16.27, 18.47];
+    AT_0_999[degrees - 1]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -42,7 +42,7 @@ pub struct FaceLines {
 /// What averaging along a stripe does not remove (texture of the board it lies on), px, 1 sigma.
 const STRIPE_SYSTEMATIC_PX: f64 = 0.05;
 /// The same for a side: blur and demosaicing move edges of unequal brightness, px, 1 sigma ...
-const SIDE_SYSTEMATIC_PX: f64 = 0.2;
+pub(crate) const SIDE_SYSTEMATIC_PX: f64 = 0.2;
 /// ... and cardboard is cut and folded to half a millimetre either way, evenly spread: mm, 1 sigma.
 const SIDE_SHAPE_MM: f64 = 0.29;
 /// A line needs so many points: two unknowns, and a scatter that means something.

@@ -4,11 +4,9 @@ use crate::calibration::Calibration;
 use crate::face_geometry::fitted::{FittedFace, Planes, length_by_own};
 use crate::face_geometry::laser_motion::{all_planes_by_motion, blocks};
 use crate::face_geometry::view::{FacePose, PointSigmas, USUAL};
+use crate::measurement::USUAL_DRIFT_RAD;
 use crate::units::LaserId;
 
-/// Pointing drift of one laser since the calibration, rad, 1 sigma: half of the 0.1 mrad of PHYSICS.md, since the four sit
-/// on one carrier.
-const LASER_DRIFT_RAD: f64 = 0.05e-3;
 /// A silhouette lies within 0.2 radii of the sharp edge, radii of cardboard scatter by 1 mm about 1.7 mm
 /// (`rectangle/sharp_edge`): mm for each of two edges, 1 sigma.
 const ROUNDING_MM: f64 = 0.4;
@@ -59,7 +57,7 @@ fn sigmas_with(calibration: &Calibration, pose: &FacePose, sigmas: &PointSigmas)
         });
         let side_by_motions = by_motions.transpose() * side_by_planes;
         let drift_mm2: f64 =
-            LaserId::ALL.iter().map(|id| (side_by_motions[3 * id.index()] * LASER_DRIFT_RAD).powi(2)).sum();
+            LaserId::ALL.iter().map(|id| (side_by_motions[3 * id.index()] * USUAL_DRIFT_RAD).powi(2)).sum();
         SideSigmas {
             points_mm: own_mm2.max(0.0).sqrt(),
             calibration_mm: calibration_mm2.max(0.0).sqrt(),

@@ -9,19 +9,16 @@
 
 use super::refine::{FittedRectangle, weigh_all};
 use super::surface;
-use super::uncertainty::{CAUSES, Causes, EDGE_SYSTEMATIC_PX, EDGES, TILTS};
+use super::uncertainty::{CAUSES, Causes, EDGES, TILTS};
 use crate::calibration::Calibration;
 use crate::face::model::{Row, SHAPE, Source};
 use crate::face::outline::{SIDES, span_mm};
-use crate::statistics::median;
+use crate::face_geometry::SIDE_SYSTEMATIC_PX;
+use crate::statistics::{chi_square_limit, median};
 use crate::units::LaserId;
 use crate::warning::{Warning, WarningKind};
 use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, SVector, Vector3};
 
-/// What one sound face in a thousand exceeds: quantiles of chi-square at 0.999 with 1, 3 and 4 degrees of freedom.
-const LIMIT_1: f64 = 10.83;
-const LIMIT_3: f64 = 16.27;
-const LIMIT_4: f64 = 18.47;
 /// Whether the stripes lie on one plane is asked twice, each time for one sound face in two thousand: in general (the quantile at 0.9995 with
 /// 5 degrees of freedom), and for each laser by itself (at 0.999875 with 1, the largest of four), which sees the tilt of one laser at a
 /// smaller chi-square.
@@ -162,7 +159,7 @@ impl Sums {
             if let Source::Edge(side) = row.source {
                 // A side also turns by how its rounding is seen along it.
                 let px = self.rounding_turn_mm / row.mm_per_px.max(1e-9);
-                effect[EDGES + 4 + side] *= (px / EDGE_SYSTEMATIC_PX).hypot(1.0);
+                effect[EDGES + 4 + side] *= (px / SIDE_SYSTEMATIC_PX).hypot(1.0);
             }
             for (a, x) in column.into_iter().filter(|(_, x)| *x != 0.0) {
                 // The residual is observation minus model where it grows with the unknowns, so what is added explains it
@@ -356,7 +353,7 @@ fn straight(
     // Each stripe's own shift and slope, which hold all that the plane could explain.
     let others: Vec<usize> = LINES.map(|i| SHAPE + i).collect();
     let chi_square = system.test(&bends, &others)?.chi_square();
-    if chi_square <= LIMIT_4 {
+    if chi_square <= chi_square_limit(4) {
         return Some(());
     }
     let mut most: Option<Warning> = None;
@@ -376,7 +373,7 @@ fn straight(
                 found: sagitta_mm,
                 sigma: sigma_mm,
                 chi_square,
-                limit: LIMIT_4,
+                limit: chi_square_limit(4),
             });
         }
     }
@@ -420,7 +417,7 @@ fn common_bow_mm(stripes: &[Bent], no_parabola: f64) -> Option<f64> {
     };
     let chi_square: f64 = stripes.iter().map(left).sum();
     // Without any weight it is no number.
-    (chi_square <= LIMIT_3 && bow_mm.is_finite()).then_some(bow_mm)
+    (chi_square <= chi_square_limit(3) && bow_mm.is_finite()).then_some(bow_mm)
 }
 
 /// Where a stripe runs between the two sides beside it, -1 to 1.
@@ -453,7 +450,7 @@ fn rectangular(system: &System, fit: &FittedRectangle, found: &mut ConsistencyCh
         let others: Vec<usize> = (0..SHAPE).chain(beside).collect();
         let test = system.test(&[wanted], &others)?;
         let chi_square = test.chi_square();
-        if chi_square <= LIMIT_1 {
+        if chi_square <= chi_square_limit(1) {
             continue;
         }
         let (missing, sigma) = test.single();
@@ -471,7 +468,7 @@ fn rectangular(system: &System, fit: &FittedRectangle, found: &mut ConsistencyCh
             found: -missing * length_mm,
             sigma: sigma * length_mm,
             chi_square,
-            limit: LIMIT_1,
+            limit: chi_square_limit(1),
         });
     }
     Some(())

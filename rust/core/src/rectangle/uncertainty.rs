@@ -9,6 +9,7 @@ use crate::calibration::{
 };
 use crate::eigen::symmetric_eigen;
 use crate::face::model::{OFFSETS, SHAPE, Source, TURNS, UNKNOWNS, Unknowns};
+use crate::face_geometry::SIDE_SYSTEMATIC_PX;
 use crate::measurement::{SHARED_CAUSES, SideUncertainty};
 use crate::units::{AngleEstimate, LaserId};
 use nalgebra::{Matrix2, SMatrix, SVector, Vector3};
@@ -19,9 +20,6 @@ pub(super) const TILTS: usize = PARAMETERS;
 pub(super) const EDGES: usize = TILTS + 4;
 /// All causes.
 pub(super) const CAUSES: usize = EDGES + 8;
-/// Blur and demosaicing move edges of unequal brightness, px, 1 sigma; and as much at a side's ends, since what lies
-/// behind it changes along it.
-pub(super) const EDGE_SYSTEMATIC_PX: f64 = 0.2;
 
 /// Effect of one sigma of every cause on every residual, px; one row per [`crate::face::model::Row`].
 pub(super) struct Causes {
@@ -62,8 +60,9 @@ pub(super) fn causes(calibration: &Calibration, fit: &FittedRectangle, tilts_rad
                 effect[TILTS + laser] = row.by_laser_px.dot(&turned[laser]);
             }
             Source::Edge(side) => {
-                effect[EDGES + side] = EDGE_SYSTEMATIC_PX;
-                effect[EDGES + 4 + side] = EDGE_SYSTEMATIC_PX * row.along_mm / half_mm[side];
+                // As much at a side's ends, since what lies behind it changes along it.
+                effect[EDGES + side] = SIDE_SYSTEMATIC_PX;
+                effect[EDGES + 4 + side] = SIDE_SYSTEMATIC_PX * row.along_mm / half_mm[side];
             }
         }
         if let Some(root) = &root {
