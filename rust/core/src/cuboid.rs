@@ -12,20 +12,43 @@ use crate::units::{Estimate, Volume};
 use crate::warning::{Warning, WarningKind};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
-/// Sides that differ by no more than this many standard deviations may be the same edge of the box.
-const SAME_SIGMAS: f64 = 4.0;
-/// ... and never less than this: two faces of a real box need not agree better (bulges, flaps), mm.
-const SAME_MM: f64 = 2.0;
-/// ... nor than this share of the side.
-const SAME_SHARE: f64 = 0.004;
+/// Which lengths may be one side of a box, and which boxes are told. No measurement of the first three is on record.
+#[derive(Clone, Copy, Debug)]
+struct CuboidSettings {
+    /// Lengths of two faces that differ by no more standard deviations may be one side; two boxes, all of whose sides do, are one. More puts faces
+    /// of different boxes together.
+    same_sigmas: f64,
+    /// ... and always by so many mm: two faces of a real box need not agree better (bulges, flaps). More takes sides that differ by so little
+    /// for one.
+    same_mm: f64,
+    /// ... and by this share of the side. More does the same to long sides.
+    same_share: f64,
+    /// How often two sides of a box are equal: 0.040 of the pairs of sides of 818 boxes of the learning and choosing seeds. An assumption for
+    /// boxes of the world, of which many are square at one end. More takes boxes whose sides differ by some mm for square ones.
+    equal_sides_share: f64,
+    /// Over how many mm the difference of two others spreads: 0.127 of these pairs are within 20 mm. More has the same effect.
+    spread_mm: f64,
+    /// A way to put faces together of which lengths differ by more than is allowed still counts if it has this share of the probability: a box may
+    /// be wrong once in 200. More measures a wrong box in place of two that may be right.
+    least_share_of_second: f64,
+}
 
-/// How often two sides of a box are equal, and over how many mm the difference of two others spreads: of the pairs of sides of 818 boxes of the
-/// learning and choosing seeds 0.040 are equal, and 0.127 of the others within 20 mm. An assumption for boxes of the world, of which many
-/// are square at one end.
-const EQUAL_SIDES_SHARE: f64 = 0.04;
-const SPREAD_MM: f64 = 330.0;
-/// Two ways to put faces together leave two boxes if the less likely one has this share of the probability: a box may be wrong once in 200.
-const LEAST_SHARE_OF_SECOND: f64 = 0.005;
+impl CuboidSettings {
+    const DEFAULT: Self = Self {
+        same_sigmas: 4.0,
+        same_mm: 2.0,
+        same_share: 0.004,
+        equal_sides_share: 0.04,
+        spread_mm: 330.0,
+        least_share_of_second: 0.005,
+    };
+}
+
+impl Default for CuboidSettings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
 
 /// Which of the box's three sides a face's length and width are.
 pub(crate) type SidesOfFace = [usize; 2];
@@ -65,7 +88,8 @@ impl SharedSide {
     }
 
     fn limit_mm(&self) -> f64 {
-        (SAME_SIGMAS * self.sigma_mm).max(SAME_MM).max(SAME_SHARE * self.first.value_mm)
+        let CuboidSettings { same_sigmas, same_mm, same_share, .. } = CuboidSettings::DEFAULT;
+        (same_sigmas * self.sigma_mm).max(same_mm).max(same_share * self.first.value_mm)
     }
 
     fn excess(&self) -> f64 {
@@ -74,13 +98,14 @@ impl SharedSide {
 
     /// The density of their difference if they are one side, 1/mm: Student's with 8 degrees of freedom, as sigmas are themselves estimates.
     fn density(&self) -> f64 {
-        let scale_mm = self.limit_mm() / SAME_SIGMAS;
+        let scale_mm = self.limit_mm() / CuboidSettings::DEFAULT.same_sigmas;
         0.3867 / scale_mm * (1.0 + (self.difference_mm() / scale_mm).powi(2) / 8.0).powf(-4.5)
     }
 
     /// How likely they are as two sides of a box, against two that differ by some tens of mm as those of most boxes do.
     fn as_different(&self) -> f64 {
-        1.0 + EQUAL_SIDES_SHARE / (1.0 - EQUAL_SIDES_SHARE) * SPREAD_MM * self.density()
+        let CuboidSettings { equal_sides_share, spread_mm, .. } = CuboidSettings::DEFAULT;
+        1.0 + equal_sides_share / (1.0 - equal_sides_share) * spread_mm * self.density()
     }
 
     fn warning(&self) -> Option<Warning> {
@@ -238,7 +263,8 @@ pub(crate) fn assemble(faces: &[&FaceMeasurement], choose: Option<usize>) -> (Ou
         if assignments.iter().all(|way| way.excess > 1.0) {
             continue; // lengths that agree nowhere make no box
         }
-        let least = LEAST_SHARE_OF_SECOND * assignments.iter().map(|way| way.weight).sum::<f64>();
+        let total = assignments.iter().map(|way| way.weight).sum::<f64>();
+        let least = CuboidSettings::DEFAULT.least_share_of_second * total;
         assignments.retain(|way| way.excess <= 1.0 || way.weight >= least);
         assignments.sort_by(|a, b| a.excess.total_cmp(&b.excess));
         let mut possible: Vec<Fit> = Vec::with_capacity(2);
@@ -283,9 +309,10 @@ pub(crate) fn same_outcome(a: &Outcome, b: &Outcome) -> bool {
 
 /// Whether two boxes are one, so that either is right if the other is: a result is right within [`RIGHT_MM`], however large its sigmas.
 fn same_box(a: &BoxMeasurement, b: &BoxMeasurement) -> bool {
+    let CuboidSettings { same_sigmas, same_mm, .. } = CuboidSettings::DEFAULT;
     let near = |x: Estimate, y: Estimate| {
-        let by_sigmas = SAME_SIGMAS * x.sigma_mm.hypot(y.sigma_mm);
-        (x.value_mm - y.value_mm).abs() <= SAME_MM.max(by_sigmas.min(0.5 * RIGHT_MM))
+        let by_sigmas = same_sigmas * x.sigma_mm.hypot(y.sigma_mm);
+        (x.value_mm - y.value_mm).abs() <= same_mm.max(by_sigmas.min(0.5 * RIGHT_MM))
     };
     near(a.length, b.length) && near(a.width, b.width) && near(a.height, b.height)
 }
