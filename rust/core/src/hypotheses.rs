@@ -54,8 +54,36 @@ impl FaceHypotheses {
     }
 }
 
-/// Two measurements of a frame found the same edges if their corners are nearer than this, px: edges scatter by 1 to 2 px.
-const SAME_CORNER_PX: f64 = 3.0;
+/// What counts as one measurement, and what is assumed of frames in which not all is known.
+#[derive(Clone, Copy, Debug)]
+struct HypothesesSettings {
+    /// Two measurements of a frame found the same edges if their corners are nearer than this, px: edges scatter by 1 to 2 px. More adds up what
+    /// is likely of lines that are two, and a face is too sure.
+    same_corner_px: f64,
+    /// What is less likely than this is not put together with other faces: it could not change the third digit. More leaves out faces that may be
+    /// right.
+    least_probability: f64,
+    /// A side that lies between unknown lines has any of so many lengths, mm: an assumption, since flaps, tape and print lie some tens of mm
+    /// beside an edge. More believes faces whose sides agree sooner, also by chance.
+    unknown_mm: f64,
+    /// Three frames show three different pairs of sides; in so many cases, an assumption, they show a face twice, or opposite ones. More believes
+    /// two frames that agree sooner than three that show a box.
+    shown_twice: f64,
+}
+
+impl HypothesesSettings {
+    const DEFAULT: Self =
+        Self { same_corner_px: 3.0, least_probability: 1e-3, unknown_mm: 60.0, shown_twice: 0.05 };
+}
+
+impl Default for HypothesesSettings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
+
+/// Boxes that are told: more than the two likeliest settle nothing.
+pub(crate) const LIKELIEST: usize = 2;
 
 /// Pairs of lines that were measured as one.
 struct Lines {
@@ -136,18 +164,9 @@ fn untried_with(all: &mut [Lines], pair: Pair) -> f64 {
 }
 
 fn same_corners(a: &FaceMeasurement, b: &FaceMeasurement) -> bool {
-    a.corners_px.iter().all(|p| b.corners_px.iter().any(|q| p.distance_px(*q) < SAME_CORNER_PX))
+    let limit_px = HypothesesSettings::DEFAULT.same_corner_px;
+    a.corners_px.iter().all(|p| b.corners_px.iter().any(|q| p.distance_px(*q) < limit_px))
 }
-
-/// What is less likely than this is not put together with other faces: it could not change the third digit.
-const LEAST_PROBABILITY: f64 = 1e-3;
-/// A side that lies between unknown lines has any of so many lengths, mm: an assumption, since flaps, tape and print lie some tens of mm
-/// beside an edge.
-const UNKNOWN_MM: f64 = 60.0;
-/// Three frames show three different pairs of sides; in one case of twenty, an assumption, they show a face twice, or opposite ones.
-const SHOWN_TWICE: f64 = 0.05;
-/// Boxes that are told: more than the two likeliest settle nothing.
-pub(crate) const LIKELIEST: usize = 2;
 
 /// What may be true of a frame.
 #[derive(Clone, Copy)]
@@ -174,7 +193,7 @@ fn states<'a>(seen: Option<&'a FaceHypotheses>) -> Vec<State<'a>> {
             state(hypothesis.half[1], [false, true]);
         }
     }
-    found.retain(|state| state.probability >= LEAST_PROBABILITY);
+    found.retain(|state| state.probability >= HypothesesSettings::DEFAULT.least_probability);
     let probability = (1.0 - found.iter().map(|state| state.probability).sum::<f64>()).max(0.0);
     let face_seen = !found.is_empty();
     found.push(State { probability, index: 0, face: None, right: [false; 2], face_seen });
@@ -199,7 +218,7 @@ fn agreement(states: &[State<'_>], arrangement: &[cuboid::SidesOfFace]) -> f64 {
             }
         }
         let told_by_none = i32::from(first.is_none());
-        density /= UNKNOWN_MM.powi((unknown - told_by_none).max(0));
+        density /= HypothesesSettings::DEFAULT.unknown_mm.powi((unknown - told_by_none).max(0));
         for other in &known_sides {
             density *= first.map_or(1.0, |side| cuboid::as_different_sides(*other, side));
         }
@@ -239,8 +258,9 @@ pub(crate) fn likeliest_boxes<'a, T>(
         };
         all = all.iter().flat_map(longer).collect();
     }
+    let HypothesesSettings { least_probability, shown_twice, .. } = HypothesesSettings::DEFAULT;
     let arrangements: Vec<(f64, Vec<Vec<cuboid::SidesOfFace>>)> =
-        [(1.0 - SHOWN_TWICE, true), (SHOWN_TWICE, false)]
+        [(1.0 - shown_twice, true), (shown_twice, false)]
             .map(|(share, all_differ)| (share, cuboid::arrangements(seen.len(), all_differ)))
             .into_iter()
             .filter(|(_, arrangements)| !arrangements.is_empty())
@@ -266,7 +286,7 @@ pub(crate) fn likeliest_boxes<'a, T>(
     }
     let mut boxes: Vec<BoxHypothesis<'a, T>> = Vec::new();
     let mut ways: Vec<_> = ways.into_values().map(|(weight, faces)| (weight / total, faces)).collect();
-    ways.retain(|(probability, _)| *probability >= LEAST_PROBABILITY);
+    ways.retain(|(probability, _)| *probability >= least_probability);
     ways.sort_by(|a, b| b.0.total_cmp(&a.0));
     for (probability, faces) in ways {
         let Some(agreed) = put_together(&faces) else { continue };
