@@ -36,16 +36,42 @@ use crate::units::{Estimate, LaserId};
 use crate::view::SideOdds;
 use std::sync::atomic::Ordering;
 
-/// Planes that are tried, strongest first.
-const PLANES: usize = 4;
-/// Share of each stripe between its ends that must be seen on the face's plane: more than half of it may be print ...
-const MIN_SEEN_SHARE: f64 = 0.4;
-/// ... one of the four may show this share on a face with known sides: by chance a line without a stripe shows 0.1 ...
-const MIN_SEEN_OF_ONE: f64 = 0.2;
-/// ... and share of its inner segment, which a line of big red letters can cover for the most part.
-const MIN_INNER_SHARE: f64 = 0.15;
-/// Robust scatter of the stripe centres in units of their own sigmas: more is no plane.
-const MAX_SCALE: f64 = 3.5;
+/// When stripes and maps show a face on a plane. Where a field gives no reason for its value, none is on record.
+#[derive(Clone, Copy, Debug)]
+struct FaceSettings {
+    /// Planes that are tried, strongest first. More takes longer where there is no face.
+    planes: usize,
+    /// Share of each stripe between its ends that must be seen on the face's plane: more than half of it may be print. More refuses faces with
+    /// much print.
+    least_seen: f64,
+    /// ... one of the four may show this share on a face with known sides: by chance a line without a stripe shows 0.1. More refuses faces with
+    /// dark print along one stripe.
+    least_seen_of_one: f64,
+    /// ... and share of its inner segment, which a line of big red letters can cover for the most part. More refuses faces with such letters.
+    least_inner_seen: f64,
+    /// Largest robust scatter of the stripe centres, in units of their own sigmas. More takes what is no plane for a face.
+    most_scale: f64,
+    /// Overlap of the outline with the network's mask (intersection over union) below which the maps show no face here; right outlines of rendered
+    /// boxes have 0.7 and more. More refuses faces of which the mask is ragged.
+    least_overlap: f32,
+}
+
+impl FaceSettings {
+    const DEFAULT: Self = Self {
+        planes: 4,
+        least_seen: 0.4,
+        least_seen_of_one: 0.2,
+        least_inner_seen: 0.15,
+        most_scale: 3.5,
+        least_overlap: 0.5,
+    };
+}
+
+impl Default for FaceSettings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
 
 /// What a frame shows.
 pub(super) struct FrameResult {
@@ -173,11 +199,12 @@ fn face_stages(task: &Task, progress: &mut Progress) -> Result<FaceHypotheses, R
     let Task { frame, calibration, network, .. } = *task;
     let maps = network.map(|network| &network.maps);
     let grid = GridSearchSettings::default();
+    let most = FaceSettings::DEFAULT.planes;
     let diagonals = grid_search::diagonals(calibration);
     let ridges = band_maps(frame, diagonals);
     progress.lap("ridge");
     let planes =
-        grid_search::find_planes(calibration, &evidence(&ridges, maps, &grid), &grid, grid.clear, PLANES);
+        grid_search::find_planes(calibration, &evidence(&ridges, maps, &grid), &grid, grid.clear, most);
     progress.lap("grid");
     task.tracer().planes(&ridges, &planes);
     let refusal = match measure_on_planes(task, &planes, StripeContrast::Clear, progress) {
@@ -192,7 +219,7 @@ fn face_stages(task: &Task, progress: &mut Progress) -> Result<FaceHypotheses, R
     let (width, height, laser_response) = half_laser_response(frame);
     let faint = diagonals.map(|d: Diagonal| faint_ridge_map(width, height, &laser_response, d));
     let evidence = evidence(&faint, maps, &grid);
-    let planes = grid_search::find_planes(calibration, &evidence, &grid, grid.faint, PLANES);
+    let planes = grid_search::find_planes(calibration, &evidence, &grid, grid.faint, most);
     let planes: Vec<GridHypothesis> =
         planes.iter().map(|plane| grid_search::climb(calibration, &evidence, &grid, plane)).collect();
     progress.lap("faint");
@@ -363,7 +390,7 @@ fn first_outline(
     let outline = map_outline(calibration, &inner.plane, maps);
     progress.lap("outline");
     let overlap = outline.as_ref().map_or(0.0, |outline| outline.overlap);
-    match outline.filter(|_| overlap >= LEAST_OVERLAP) {
+    match outline.filter(|_| overlap >= FaceSettings::DEFAULT.least_overlap) {
         Some(MapOutline { initial, overlap }) => Ok((initial, f64::from(overlap))),
         // Why: a face that leaves the image has no outline.
         None => Err(wide
@@ -450,10 +477,6 @@ fn measure_initial(
     result
 }
 
-/// Overlap of the outline with the network's mask below which the maps show no face here; right outlines of rendered boxes have 0.7
-/// and more.
-const LEAST_OVERLAP: f32 = 0.5;
-
 /// The refusal of a face whose outline is not clear.
 fn unclear(task: &Task, probability: f64, overlap: f64) -> Reject {
     match task.network.and_then(|network| mask_at_border(&network.maps)) {
@@ -468,7 +491,7 @@ pub(super) fn unsure(probability: f64, settings: &Settings, overlap: f64) -> Rej
         support: probability,
         needed_support: settings.least_confidence,
         overlap,
-        needed_overlap: f64::from(LEAST_OVERLAP),
+        needed_overlap: f64::from(FaceSettings::DEFAULT.least_overlap),
     }
 }
 
@@ -482,26 +505,26 @@ pub(super) fn located<'a>(sides: impl IntoIterator<Item = &'a Estimate>, setting
 ///
 /// Where the sides are known already, all of the stripe counts, not only what lies between its ends.
 fn check_stripes(face: &FaceStripes, sides_known: bool) -> Result<(), Reject> {
+    let FaceSettings { least_seen, least_seen_of_one, least_inner_seen, most_scale, .. } =
+        FaceSettings::DEFAULT;
     let seen = face.stripes.each_ref().map(|s| {
         let seen = if sides_known { s.whole_share } else { s.seen_share };
-        seen.min(s.inner_share / MIN_INNER_SHARE * MIN_SEEN_SHARE)
+        seen.min(s.inner_share / least_inner_seen * least_seen)
     });
     let least = seen.iter().copied().fold(f64::INFINITY, f64::min);
-    let planar = face.fit.scale <= MAX_SCALE;
-    let mut unseen = LaserId::ALL.into_iter().filter(|id| seen[id.index()] < MIN_SEEN_SHARE);
+    let planar = face.fit.scale <= most_scale;
+    let mut unseen = LaserId::ALL.into_iter().filter(|id| seen[id.index()] < least_seen);
     match (unseen.next(), unseen.next()) {
         (None, _) if planar => Ok(()),
         // Dark print hides most of one stripe; the other three hold the plane.
-        (Some(laser), None) if planar && sides_known && seen[laser.index()] >= MIN_SEEN_OF_ONE => Ok(()),
-        (Some(laser), None) if planar => Err(Reject::StripeNotFound {
-            laser,
-            seen_share: seen[laser.index()],
-            needed_share: MIN_SEEN_SHARE,
-        }),
+        (Some(laser), None) if planar && sides_known && seen[laser.index()] >= least_seen_of_one => Ok(()),
+        (Some(laser), None) if planar => {
+            Err(Reject::StripeNotFound { laser, seen_share: seen[laser.index()], needed_share: least_seen })
+        }
         _ => Err(no_box(least)),
     }
 }
 
 fn no_box(best_share: f64) -> Reject {
-    Reject::NoBox { best_share, needed_share: MIN_SEEN_SHARE }
+    Reject::NoBox { best_share, needed_share: FaceSettings::DEFAULT.least_seen }
 }

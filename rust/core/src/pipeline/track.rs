@@ -18,7 +18,7 @@ use nalgebra::Vector3;
 /// into view.
 const FOLLOWED: u32 = 15;
 /// Sides that differ by more of their common sigmas are those of another face: by chance, one of 370.
-const SAME_SIGMAS: f64 = 3.0;
+const SAME_FACE_SIGMAS: f64 = 3.0;
 
 /// What a live view knows of a frame.
 #[derive(Clone, Debug)]
@@ -119,7 +119,7 @@ impl Track {
         let outline = |plane: &Plane<Cam>| self.outline_on(plane, calibration);
         let seen = measure_beside(frame, calibration, settings, &self.plane, outline)?;
         let same = |before: Estimate, now: Estimate| {
-            (now.value_mm - before.value_mm).abs() <= SAME_SIGMAS * now.sigma_mm.hypot(before.sigma_mm)
+            (now.value_mm - before.value_mm).abs() <= SAME_FACE_SIGMAS * now.sigma_mm.hypot(before.sigma_mm)
         };
         if !same(self.face.length, seen.length) || !same(self.face.width, seen.width) {
             return None;
