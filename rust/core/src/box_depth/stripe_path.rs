@@ -18,22 +18,77 @@ pub(super) struct FramedStripe<'a> {
     pub foot_px: f64,
 }
 
-/// Rows along the trail that are added to one place, px: the stripe's end is told to that.
-const PLACE_PX: usize = 4;
-/// The neighbouring face is seen at this angle at least (cosine to its normal, 6 degrees of grazing).
-const LEAST_COS: f64 = 0.1;
-/// How far the neighbouring face may lie from where it is expected at the edge (rounding, 4 mm), and how much it may stand from
-/// a right angle, rad (three times half a degree).
-const OFF_MM: f64 = 4.0;
-const OFF_RAD: f64 = 0.027;
-/// A peak this far from the line is another surface's, px: more than noise (0.5 px) and a bulge of some mm move it.
-const NEAR_PX: f64 = 1.5;
-/// Strengths beyond this count no more, in sigmas.
-const MOST_SIGMAS: f64 = 6.0;
-/// Noise of the filter that is always there, grey levels: JPEG's steps.
-const FLOOR: f64 = 0.5;
-/// Fewest places up to the nearer depth.
-const LEAST_PLACES: usize = 12;
+/// Where a stripe is looked for and how it is told from what lies beside it. Where a field gives no reason for its value, none is on record.
+#[derive(Clone, Copy, Debug)]
+struct PathSettings {
+    /// Rows along the trail that are added to one place, px: the stripe's end is told to that. More shows fainter stripes and ends them less
+    /// exactly.
+    place_px: usize,
+    /// Fewest places up to the nearer depth. More leaves out shallow boxes and oblique faces.
+    least_places: usize,
+    /// The neighbouring face is seen at this angle at least (cosine to its normal, 6 degrees of grazing). More leaves out oblique faces.
+    least_cos: f64,
+    /// How far the neighbouring face may lie from where it is expected at the edge, mm (rounding). More tries more lines: it takes longer, and a
+    /// stripe must be clearer.
+    off_mm: f64,
+    /// ... and how much it may stand from a right angle, rad (three times half a degree). The same.
+    off_rad: f64,
+    /// Distance of two lines that are tried, in half widths of the stripe at its foot (about half a stripe), and how many there are to one side
+    /// at most. A larger distance misses faint stripes between; more lines take longer.
+    line_step: f64,
+    most_lines: f64,
+    /// A peak this far from the line is another surface's, px: more than noise (0.5 px) and a bulge of some mm move it. More takes floors and flush
+    /// faces for the neighbouring one.
+    near_px: f64,
+    /// The line is drawn to peaks within so many half widths first, then within these, then within `near_px`; no peak is looked for nearer than the
+    /// second. More lets print beside the stripe draw the line.
+    peak_reach: f64,
+    narrower_reach: f64,
+    /// Strengths beyond this count no more, in sigmas. More lets single bright places stand for a stripe.
+    most_sigmas: f64,
+    /// Noise of the filter that is always there, grey levels: JPEG's steps. More loses faint stripes.
+    least_noise: f64,
+    /// The noise is that of so many places on either hand. More takes in what is brighter or darker farther along.
+    noise_places: usize,
+    /// In half widths of the stripe at its foot: half the core, and where what lies beside it begins and ends. A larger core and a wider background
+    /// show fainter stripes and mix in print; a background that begins nearer has some of the stripe.
+    filter: [f64; 3],
+    /// Lines beside the trail, in half widths: from the first of these on, so far apart, as far as the third or so many px. Nearer ones see the
+    /// stripe itself, farther ones leave the surface.
+    beside_from: f64,
+    beside_step: f64,
+    beside_to: f64,
+    beside_to_px: f64,
+}
+
+impl PathSettings {
+    const DEFAULT: Self = Self {
+        place_px: 4,
+        least_places: 12,
+        least_cos: 0.1,
+        off_mm: 4.0,
+        off_rad: 0.027,
+        line_step: 0.4,
+        most_lines: 12.0,
+        near_px: 1.5,
+        peak_reach: 0.7,
+        narrower_reach: 0.5,
+        most_sigmas: 6.0,
+        least_noise: 0.5,
+        noise_places: 4,
+        filter: [0.5, 1.2, 2.2],
+        beside_from: 2.5,
+        beside_step: 0.75,
+        beside_to: 6.0,
+        beside_to_px: 24.0,
+    };
+}
+
+impl Default for PathSettings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
 
 /// A stripe's predicted way over a neighbouring face.
 pub(super) struct StripePath {
@@ -89,6 +144,7 @@ impl StripePath {
         id: LaserId,
         most_mm: f64,
     ) -> Option<Self> {
+        let PathSettings { place_px, least_cos, .. } = PathSettings::DEFAULT;
         let corners = face.corners.map(|c| c.mm);
         let (from, to) = (corners[side], corners[(side + 1) % 4]);
         let centre = corners.iter().sum::<Vector3<f64>>() * 0.25;
@@ -97,7 +153,7 @@ impl StripePath {
         let (inwards, _) = face.plane.normal_and_distance_mm();
         let out = edge.cross(&inwards).try_normalize(1e-9)?;
         let out = if out.dot(&(middle - centre)) > 0.0 { out } else { -out };
-        if -middle.normalize().dot(&out) < LEAST_COS {
+        if -middle.normalize().dot(&out) < least_cos {
             return None;
         }
         let laser = paper.calibration.laser(id).per_mm;
@@ -117,7 +173,7 @@ impl StripePath {
             let px = paper.calibration.camera().px_from_point(&Point::from_vector(x))?;
             Some(Vector2::new(px.u, px.v))
         };
-        let reach = paper.reach_px() as f64 + PLACE_PX as f64;
+        let reach = paper.reach_px() as f64 + place_px as f64;
         let (right, bottom) = (paper.frame.width_px() as f64 - 1.0, paper.frame.height_px() as f64 - 1.0);
         let inside =
             |p: Vector2<f64>| p.x > reach && p.y > reach && p.x < right - reach && p.y < bottom - reach;
@@ -132,7 +188,7 @@ impl StripePath {
             let Some(along) = way.try_normalize(1e-3) else { break };
             let across = Vector2::new(-along.y, along.x);
             let px_per_mm = beside.dot(&across);
-            let step_mm = PLACE_PX as f64 / way.norm();
+            let step_mm = place_px as f64 / way.norm();
             let sin_bend = (px_per_mm / beside.norm().max(1e-9)).abs();
             steps.push(Step { depth_mm, step_mm, at, along, across, px_per_mm, sin_bend });
             depth_mm += step_mm;
@@ -142,24 +198,26 @@ impl StripePath {
 
     /// How far a stripe that goes on parallel to the measured face from this depth on is still taken for one on this trail, mm.
     pub fn late_mm(&self, depth_mm: f64) -> f64 {
+        let PathSettings { place_px, near_px, .. } = PathSettings::DEFAULT;
         let at = self.steps.partition_point(|s| s.depth_mm < depth_mm);
-        self.steps
-            .get(at)
-            .map_or(f64::INFINITY, |s| NEAR_PX / s.sin_bend.max(1e-9) / PLACE_PX as f64 * s.step_mm)
+        let late_mm = |s: &Step| near_px / s.sin_bend.max(1e-9) / place_px as f64 * s.step_mm;
+        self.steps.get(at).map_or(f64::INFINITY, late_mm)
     }
 
     /// The strongest of all lines on which the stripe may run, judged up to `near_mm`.
     pub fn brightest(&self, paper: &FramedStripe, near_mm: f64) -> Option<BrightLine> {
+        let PathSettings { off_mm, off_rad, line_step, most_lines, near_px, .. } = PathSettings::DEFAULT;
+        let PathSettings { least_places, most_sigmas, peak_reach, .. } = PathSettings::DEFAULT;
         let first = self.steps.partition_point(|s| s.depth_mm <= 0.0);
         let last = self.steps.partition_point(|s| s.depth_mm < near_mm);
-        if last < first + LEAST_PLACES {
+        if last < first + least_places {
             return None;
         }
         let responses: Vec<Response> = self.steps.iter().map(|s| paper.response(s)).collect();
         let noise: Vec<(f64, f64)> = (0..responses.len()).map(|i| beside(&responses, i, paper)).collect();
         let strength = |i: usize, offset_px: f64| {
             let (mean, sigma) = noise[i];
-            ((responses[i].at(offset_px) - mean) / sigma).clamp(-MOST_SIGMAS, MOST_SIGMAS)
+            ((responses[i].at(offset_px) - mean) / sigma).clamp(-most_sigmas, most_sigmas)
         };
         let count = (last - first) as f64;
         let sum = |offset: &dyn Fn(&Step) -> f64| {
@@ -167,15 +225,15 @@ impl StripePath {
         };
         let of_line =
             |(off_mm, off_rad): (f64, f64)| move |s: &Step| (off_mm + off_rad * s.depth_mm) * s.px_per_mm;
-        // Lines half a stripe apart.
         let gain = self.steps[first..last].iter().map(|s| s.px_per_mm.abs()).fold(0.0, f64::max);
-        let lines = |most_px: f64| (most_px / (0.4 * paper.foot_px)).ceil().clamp(1.0, 12.0) as i32;
-        let (offs, turns) = (lines(OFF_MM * gain), lines(OFF_RAD * near_mm * gain));
+        let lines =
+            |most_px: f64| (most_px / (line_step * paper.foot_px)).ceil().clamp(1.0, most_lines) as i32;
+        let (offs, turns) = (lines(off_mm * gain), lines(off_rad * near_mm * gain));
         let mut best: Option<(f64, (f64, f64))> = None;
         for i in -offs..=offs {
             for j in -turns..=turns {
                 let line =
-                    (OFF_MM * f64::from(i) / f64::from(offs), OFF_RAD * f64::from(j) / f64::from(turns));
+                    (off_mm * f64::from(i) / f64::from(offs), off_rad * f64::from(j) / f64::from(turns));
                 let found = sum(&of_line(line));
                 if best.is_none_or(|(most, _)| found > most) {
                     best = Some((found, line));
@@ -190,8 +248,8 @@ impl StripePath {
         let place = |(i, s): (usize, &Step)| {
             let offset_px = offset(s);
             let light = responses[i].at(offset_px) - noise[i].0;
-            let peak_px = responses[i].peak_px(offset_px, 0.7 * paper.foot_px);
-            let on_line = peak_px.is_some_and(|p| (p - offset_px).abs() <= NEAR_PX);
+            let peak_px = responses[i].peak_px(offset_px, peak_reach * paper.foot_px);
+            let on_line = peak_px.is_some_and(|p| (p - offset_px).abs() <= near_px);
             let strength = if on_line { strength(i, offset_px) } else { 0.0 };
             PathSample { depth_mm: s.depth_mm, step_mm: s.step_mm, strength, light }
         };
@@ -211,13 +269,16 @@ impl StripePath {
         first: usize,
         foot_px: f64,
     ) -> Option<(f64, f64)> {
-        for near_px in [0.7 * foot_px, 0.5 * foot_px, NEAR_PX, NEAR_PX] {
-            let mut normal = Matrix2::from_diagonal(&Vector2::new(OFF_MM.powi(-2), OFF_RAD.powi(-2)));
+        let settings = &PathSettings::DEFAULT;
+        let (last_px, narrower_px) = (settings.near_px, settings.narrower_reach * foot_px);
+        for near_px in [settings.peak_reach * foot_px, narrower_px, last_px, last_px] {
+            let known = Vector2::new(settings.off_mm.powi(-2), settings.off_rad.powi(-2));
+            let mut normal = Matrix2::from_diagonal(&known);
             let mut right = Vector2::zeros();
             for (s, response) in self.steps.iter().zip(responses).skip(first) {
                 let row = Vector2::new(s.px_per_mm, s.px_per_mm * s.depth_mm);
                 let here_px = row.dot(&Vector2::new(off_mm, off_rad));
-                let peak_px = response.peak_px(here_px, near_px.max(0.5 * foot_px));
+                let peak_px = response.peak_px(here_px, near_px.max(narrower_px));
                 if let Some(peak_px) = peak_px.filter(|p| (p - here_px).abs() <= near_px) {
                     // One px a place: neighbours share texture.
                     normal += row * row.transpose();
@@ -262,22 +323,23 @@ impl Response {
 
 /// Mean and standard deviation of the filter beside the trail around place `i`, robust.
 fn beside(responses: &[Response], i: usize, paper: &FramedStripe) -> (f64, f64) {
-    let around = &responses[i.saturating_sub(4)..(i + 5).min(responses.len())];
+    let PathSettings { noise_places, least_noise, .. } = PathSettings::DEFAULT;
+    let around = &responses[i.saturating_sub(noise_places)..(i + noise_places + 1).min(responses.len())];
     let values: Vec<f64> = around.iter().flat_map(|r| paper.beside_px().map(|o| r.at(o))).collect();
     let middle = median(values.iter().copied());
     let spread = middle.and_then(|middle| robust_sigma(values.iter().map(|value| value - middle)));
-    middle.zip(spread).map_or((0.0, f64::INFINITY), |(middle, spread)| (middle, spread.max(FLOOR)))
+    middle.zip(spread).map_or((0.0, f64::INFINITY), |(middle, spread)| (middle, spread.max(least_noise)))
 }
 
 impl FramedStripe<'_> {
     /// Half widths in which the filter is built, px: the stripe's core, and where what lies beside it begins and ends.
     fn widths_px(&self) -> [usize; 3] {
-        [0.5, 1.2, 2.2].map(|share| (share * self.foot_px).round().max(1.0) as usize)
+        PathSettings::DEFAULT.filter.map(|share| (share * self.foot_px).round().max(1.0) as usize)
     }
 
     /// Farthest line beside the trail, px.
     fn most_px(&self) -> f64 {
-        (6.0 * self.foot_px).max(24.0)
+        (PathSettings::DEFAULT.beside_to * self.foot_px).max(PathSettings::DEFAULT.beside_to_px)
     }
 
     /// Pixels across the trail that are looked at.
@@ -287,26 +349,28 @@ impl FramedStripe<'_> {
 
     /// Lines beside the trail that the stripe does not touch, px.
     fn beside_px(&self) -> impl Iterator<Item = f64> + use<> {
+        let PathSettings { beside_from, beside_step, .. } = PathSettings::DEFAULT;
         let (foot, most) = (self.foot_px, self.most_px());
-        let steps =
-            (1..).map(move |k| 2.5 * foot + 0.75 * foot * f64::from(k)).take_while(move |o| *o <= most);
+        let line_px = move |k: i32| beside_from * foot + beside_step * foot * f64::from(k);
+        let steps = (1..).map(line_px).take_while(move |o| *o <= most);
         steps.flat_map(|o| [o, -o])
     }
 
     /// The stripe's core less the brighter of both sides: a step of brightness is no stripe.
     fn response(&self, step: &Step) -> Response {
+        let place_px = PathSettings::DEFAULT.place_px;
         let reach = self.reach_px();
         let mut sums = vec![0.0; 2 * reach + 2];
         let (width, height) = (self.frame.width_px(), self.frame.height_px());
         for k in 0..=2 * reach {
             let mut value = 0.0;
-            for row in 0..PLACE_PX {
+            for row in 0..place_px {
                 let at = step.at + step.along * row as f64 + step.across * (k as f64 - reach as f64);
                 let (u, v) = (at.x.round().max(0.0) as usize, at.y.round().max(0.0) as usize);
                 let index = v.min(height - 1) * width + u.min(width - 1);
                 value += f64::from(self.projection.at(self.frame.stripe_rgb(), index));
             }
-            sums[k + 1] = sums[k] + value / PLACE_PX as f64;
+            sums[k + 1] = sums[k] + value / place_px as f64;
         }
         let [core, near, far] = self.widths_px();
         let mean = |from: usize, to: usize| (sums[to] - sums[from]) / (to - from) as f64;
