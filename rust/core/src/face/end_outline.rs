@@ -9,10 +9,29 @@ use crate::image::Frame;
 use crate::reject::Reject;
 use crate::units::{LaserId, Px};
 
-/// Two ends that belong to one side differ by no more than this, px, beyond the length of a profile block.
-pub(crate) const END_TOLERANCE_PX: f64 = 12.0;
-/// How far beyond the sides that are known the stripes are followed, px: enough to see whether they leave the plane there.
-pub(crate) const LIMIT_BEYOND_PX: f64 = 40.0;
+/// What the stripes' ends say of a side. Where a field gives no reason for its value, none is on record.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct EndSettings {
+    /// Two ends that belong to one side differ by no more than this, px, beyond the length of a profile block. More takes an end at print for one at
+    /// the side.
+    pub tolerance_px: f64,
+    /// How far beyond the sides that are known the stripes are followed, px: enough to see whether they leave the plane there. More meets what lies
+    /// beyond the face's neighbours.
+    pub beyond_px: f64,
+    /// A stripe that comes so near to the border, px (5 % of the image), on a face without an edge there leaves the image with it: "step back" is
+    /// the right advice, though the laser's fan may end before. More gives it to faces that are open for another reason.
+    border_px: f64,
+}
+
+impl EndSettings {
+    pub const DEFAULT: Self = Self { tolerance_px: 12.0, beyond_px: 40.0, border_px: 100.0 };
+}
+
+impl Default for EndSettings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
 
 /// An end of a stripe on the raster.
 #[derive(Clone, Copy)]
@@ -76,7 +95,7 @@ pub(crate) fn limits(
     offsets_mm: &[f64; 4],
     mm_per_px: f64,
 ) -> Option<Limits> {
-    let beyond = LIMIT_BEYOND_PX * mm_per_px;
+    let beyond = EndSettings::DEFAULT.beyond_px * mm_per_px;
     let mut result = Vec::with_capacity(4);
     for id in LaserId::ALL {
         let mut pair = Vec::with_capacity(2);
@@ -134,8 +153,9 @@ fn mismatch(across: Across, pair: &[End; 2], angle: f64, mm_per_px: f64) -> f64 
         Across::A => e.at.x * c + e.at.y * s,
         Across::B => e.at.y * c - e.at.x * s,
     };
-    let tolerance = (END_TOLERANCE_PX + pair[0].uncertainty_px + pair[1].uncertainty_px) * mm_per_px;
-    (offset(&pair[0]) - offset(&pair[1])).abs() / tolerance
+    let [first, second] = pair;
+    let tolerance_px = EndSettings::DEFAULT.tolerance_px + first.uncertainty_px + second.uncertainty_px;
+    (offset(first) - offset(second)).abs() / (tolerance_px * mm_per_px)
 }
 
 /// The angle by which the raster must be turned so that most sides are parallel to an axis.
@@ -196,15 +216,11 @@ pub(crate) fn cut_by_border(frame: &Frame, face: &FaceStripes) -> Option<Reject>
     found.first().map(|end| Reject::FaceCutByBorder { sides_cut: found.len().min(4) as u8, at: end.at })
 }
 
-/// A stripe that comes so near to the border, px (5 % of the image), on a face without an edge there leaves the image with it:
-/// "step back" is the right advice, though the laser's fan may end before.
-const ROOM_PX: f64 = 100.0;
-
 /// Whether a face without an edge where a stripe ends goes on to the image border.
 fn leaves_image(at: Px, runs_on: bool, uncertainty_px: f64, frame: &Frame) -> bool {
     let (right, bottom) = (frame.width_px() as f64, frame.height_px() as f64);
     let room_px = at.u.min(at.v).min(right - at.u).min(bottom - at.v);
-    runs_on || room_px < ROOM_PX + uncertainty_px
+    runs_on || room_px < EndSettings::DEFAULT.border_px + uncertainty_px
 }
 
 /// The refusal when sides are missing: cut by the border if a stripe runs out of the image, open otherwise.

@@ -19,17 +19,59 @@ pub(crate) struct MapOutline {
 
 /// Largest angle between a stripe and the box's edge, as for the stripes' ends: the head is rolled by eye.
 const MAX_ANGLE_DEG: i32 = 32;
-/// Probability from which a pixel counts as edge, and as face.
-const LEAST_EDGE: f32 = 0.15;
-const LEAST_MASK: f32 = 0.5;
-/// Peaks kept a side; more are print.
-const PEAKS_A_SIDE: usize = 3;
-/// Distance of two peaks, pixels of the maps: a line is 1.9 px wide at half its height.
-const PEAKS_APART: f64 = 2.5;
-/// Edge pixels nearer than this to a side, in pixels of the maps, are its own; first and last step of the fit.
-const ON_SIDE: [f64; 5] = [4.0, 3.0, 2.5, 2.0, 1.5];
-/// Samples along a side.
-const SAMPLES: usize = 48;
+
+/// How lines are found in the maps and rectangles of them judged. Where a field gives no reason for its value, none is on record.
+#[derive(Clone, Copy, Debug)]
+struct MapOutlineSettings {
+    /// Probability from which a pixel counts as edge. More loses faint sides, less takes in clutter.
+    least_edge: f32,
+    /// ... and as face. More shrinks the face, less takes flush neighbours in.
+    least_mask: f32,
+    /// Fewest pixels of each that show a face; of the face every fourth is taken. More loses small faces.
+    least_pixels: usize,
+    /// Size of a bin of a side's profile, pixels of the maps. More places lines less exactly.
+    bin: f64,
+    /// How much a bin's neighbours count in its sum: an edge between two bins counts in both. More joins lines that lie side by side.
+    beside: f64,
+    /// Peaks kept a side; more are print. The rectangles that are tried grow with its fourth power.
+    peaks_a_side: usize,
+    /// Distance of two peaks, pixels of the maps: a line is 1.9 px wide at half its height. More loses the side beside a stronger line.
+    peaks_apart: f64,
+    /// Samples along a side. More takes longer.
+    samples: usize,
+    /// How much the overlap with the mask counts: as much as the edges of all four sides. More follows the mask where the edges say otherwise.
+    overlap_worth: f32,
+    /// Edge pixels nearer than this to a side, in pixels of the maps, are its own; first to last step of the fit. More takes in lines beside it,
+    /// a smaller last one leaves too few pixels.
+    on_side: [f64; 5],
+    /// A step of the fit that turns the rectangle by more, rad, has lost its sides. More follows it.
+    most_turn_rad: f64,
+    /// Pixels of the face along a border of the image that make a cut: a corner that just touches has fewer. More names fewer faces as cut.
+    least_at_border: usize,
+}
+
+impl MapOutlineSettings {
+    const DEFAULT: Self = Self {
+        least_edge: 0.15,
+        least_mask: 0.5,
+        least_pixels: 48,
+        bin: 0.5,
+        beside: 0.7,
+        peaks_a_side: 3,
+        peaks_apart: 2.5,
+        samples: 48,
+        overlap_worth: 4.0,
+        on_side: [4.0, 3.0, 2.5, 2.0, 1.5],
+        most_turn_rad: 0.2,
+        least_at_border: 4,
+    };
+}
+
+impl Default for MapOutlineSettings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
 
 /// A pixel of the maps on the plane.
 pub(crate) struct WeightedPoint {
@@ -64,9 +106,10 @@ pub(crate) fn map_outline(
         }
         found
     };
-    let edges = spots(Channel::FaceEdge, LEAST_EDGE, 1);
-    let mask = spots(Channel::FaceMask, LEAST_MASK, 2);
-    if edges.len() < SAMPLES || mask.len() < SAMPLES {
+    let MapOutlineSettings { least_edge, least_mask, least_pixels, .. } = MapOutlineSettings::DEFAULT;
+    let edges = spots(Channel::FaceEdge, least_edge, 1);
+    let mask = spots(Channel::FaceMask, least_mask, 2);
+    if edges.len() < least_pixels || mask.len() < least_pixels {
         return None;
     }
     let crossings: Vec<OnPlane> = [(l1, l3), (l1, l4), (l2, l3), (l2, l4)]
@@ -105,18 +148,17 @@ pub(crate) fn map_outline(
 
 /// How many borders of the image the face reaches in the maps, and where first. `None` if it keeps clear of all.
 pub(crate) fn mask_at_border(maps: &FaceMaps) -> Option<(u8, Px)> {
-    /// Border pixels that make a cut: a corner that just touches has fewer.
-    const LEAST_PIXELS: usize = 4;
+    let MapOutlineSettings { least_mask, least_at_border, .. } = MapOutlineSettings::DEFAULT;
     let [width, height] = maps.size();
     let mask = maps.channel(Channel::FaceMask);
-    let on = |(x, y): &(usize, usize)| mask[y * width + x] >= LEAST_MASK;
+    let on = |(x, y): &(usize, usize)| mask[y * width + x] >= least_mask;
     let borders: [Vec<(usize, usize)>; 4] = [
         (0..width).map(|x| (x, 0)).filter(on).collect(),
         (0..height).map(|y| (width - 1, y)).filter(on).collect(),
         (0..width).map(|x| (x, height - 1)).filter(on).collect(),
         (0..height).map(|y| (0, y)).filter(on).collect(),
     ];
-    let cut: Vec<_> = borders.iter().filter(|b| b.len() >= LEAST_PIXELS).collect();
+    let cut: Vec<_> = borders.iter().filter(|b| b.len() >= least_at_border).collect();
     let (x, y) = *cut.first()?.first()?;
     Some((cut.len() as u8, maps.px_from_raster(x as f64, y as f64)))
 }
@@ -128,7 +170,7 @@ pub(crate) fn turned(at: OnPlane, angle: f64) -> OnPlane {
 }
 
 /// Edge weight over the offset of one side, beyond the outermost crossing of stripes; the first number is the offset of
-/// the first bin, bins are half a pixel of the maps.
+/// the first bin.
 struct Profile {
     sign: f64,
     start_mm: f64,
@@ -140,7 +182,8 @@ fn profile(edges: &[WeightedPoint], crossings: &[OnPlane], angle: f64, side: usi
     let ((across, _), sign) = (SIDES[side], outward_sign(side));
     let offset = |at: OnPlane| sign * across.offset(turned(at, angle));
     let start_mm = crossings.iter().map(|c| offset(*c)).fold(f64::NEG_INFINITY, f64::max);
-    let bin_mm = 0.5 * unit;
+    let MapOutlineSettings { bin, beside, .. } = MapOutlineSettings::DEFAULT;
+    let bin_mm = bin * unit;
     let mut sums = vec![0.0; 1024];
     for spot in edges {
         let bin = (offset(spot.at) - start_mm) / bin_mm;
@@ -152,7 +195,7 @@ fn profile(edges: &[WeightedPoint], crossings: &[OnPlane], angle: f64, side: usi
     }
     let smooth = |i: usize| {
         let at = |k: usize| sums.get(k).copied().unwrap_or(0.0);
-        at(i) + 0.7 * (at(i + 1) + if i > 0 { at(i - 1) } else { 0.0 })
+        at(i) + beside * (at(i + 1) + if i > 0 { at(i - 1) } else { 0.0 })
     };
     let sums = (0..sums.len()).map(smooth).collect();
     Profile { sign, start_mm, bin_mm, sums }
@@ -170,14 +213,15 @@ fn sharpness(edges: &[WeightedPoint], crossings: &[OnPlane], angle_deg: i32, uni
 
 /// Offsets of the strongest peaks, mm, strongest first.
 fn peaks(profile: &Profile) -> Vec<f64> {
+    let MapOutlineSettings { bin, peaks_a_side, peaks_apart, .. } = MapOutlineSettings::DEFAULT;
     let mut order: Vec<usize> = (0..profile.sums.len()).filter(|i| profile.sums[*i] > 0.0).collect();
     order.sort_by(|a, b| profile.sums[*b].total_cmp(&profile.sums[*a]));
     let mut kept: Vec<usize> = Vec::new();
     for i in order {
-        if kept.len() == PEAKS_A_SIDE {
+        if kept.len() == peaks_a_side {
             break;
         }
-        if kept.iter().all(|k| k.abs_diff(i) as f64 * 0.5 >= PEAKS_APART) {
+        if kept.iter().all(|k| k.abs_diff(i) as f64 * bin >= peaks_apart) {
             kept.push(i);
         }
     }
@@ -201,19 +245,20 @@ impl RectangleCandidate {
         unit: f64,
     ) -> f32 {
         let sides: f32 = (0..4).map(|side| self.support(calibration, base, maps, side)).sum();
-        sides + 4.0 * self.overlap(mask, unit)
+        sides + MapOutlineSettings::DEFAULT.overlap_worth * self.overlap(mask, unit)
     }
 
     /// Mean edge probability along a side.
     fn support(&self, calibration: &Calibration, base: &PlaneRaster, maps: &FaceMaps, side: usize) -> f32 {
+        let samples = MapOutlineSettings::DEFAULT.samples;
         let raster = base.turned(self.angle);
         let (from, to) = span_mm(&self.offsets_mm, side);
         let value = |n: usize| {
-            let along = from + (to - from) * (n as f64 + 0.5) / SAMPLES as f64;
+            let along = from + (to - from) * (n as f64 + 0.5) / samples as f64;
             let px = raster.pixel(calibration, SIDES[side].0.at(self.offsets_mm[side], along));
             px.map_or(0.0, |px| maps.at(Channel::FaceEdge, px))
         };
-        (0..SAMPLES).map(value).sum::<f32>() / SAMPLES as f32
+        (0..samples).map(value).sum::<f32>() / samples as f32
     }
 
     /// About the intersection over union with the mask; `mask` holds one pixel in four.
@@ -239,7 +284,7 @@ impl RectangleCandidate {
         let (mut both, mut either) = (0, 0);
         for y in (0..height).step_by(2) {
             for x in (0..width).step_by(2) {
-                let face = map[y * width + x] >= LEAST_MASK;
+                let face = map[y * width + x] >= MapOutlineSettings::DEFAULT.least_mask;
                 let inside = base
                     .on_plane(calibration, maps.px_from_raster(x as f64, y as f64))
                     .map(|at| turned(at, self.angle))
@@ -253,7 +298,8 @@ impl RectangleCandidate {
 
     /// Least squares of angle and offsets to the edge pixels nearby; `unit` is a pixel of the maps, mm.
     pub fn fitted(mut self, edges: &[WeightedPoint], unit: f64) -> Self {
-        for near in ON_SIDE {
+        let MapOutlineSettings { on_side, most_turn_rad, .. } = MapOutlineSettings::DEFAULT;
+        for near in on_side {
             let mut normal = nalgebra::SMatrix::<f64, 5, 5>::zeros();
             let mut right = nalgebra::SVector::<f64, 5>::zeros();
             for spot in edges {
@@ -274,7 +320,7 @@ impl RectangleCandidate {
                 }
             }
             let Some(step) = normal.cholesky().map(|c| c.solve(&right)) else { return self };
-            if !step.iter().all(|s| s.is_finite()) || step[0].abs() > 0.2 {
+            if !step.iter().all(|s| s.is_finite()) || step[0].abs() > most_turn_rad {
                 return self;
             }
             self.angle += step[0];

@@ -26,7 +26,28 @@ pub(crate) struct PlaneFit {
     pub scale: f64,
 }
 
-const ITERATIONS: usize = 12;
+/// How the plane is fitted. No record says how these values were chosen.
+#[derive(Clone, Copy, Debug)]
+struct PlaneFitSettings {
+    /// Fewest centres. More refuses faces of which little is lit, fewer leave less to tell outliers by.
+    least_centres: usize,
+    /// Steps at most. More takes longer where weights do not settle.
+    steps: usize,
+    /// Least robust scatter that is believed, in sigmas of the centres. More lets outliers in.
+    least_scale: f64,
+    /// A change of the plane by this share ends the fit: far less than any number of a result. More ends it before it has settled.
+    settled: f64,
+}
+
+impl PlaneFitSettings {
+    const DEFAULT: Self = Self { least_centres: 12, steps: 12, least_scale: 0.3, settled: 1e-9 };
+}
+
+impl Default for PlaneFitSettings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
 
 /// What the camera tells of a pixel, whatever the plane: its ray and the ray's derivative by it.
 #[derive(Clone, Copy, Debug)]
@@ -65,18 +86,20 @@ pub(crate) fn fit_plane(
     observations: &[StripeObservation],
     start: &Plane<Cam>,
 ) -> Option<PlaneFit> {
-    if observations.len() < 12 {
+    let PlaneFitSettings { least_centres, steps, least_scale, settled } = PlaneFitSettings::DEFAULT;
+    if observations.len() < least_centres {
         return None;
     }
     let mut plane = *start;
     let views: Vec<PxView> = observations.iter().map(|o| PxView::new(calibration.camera(), o.at)).collect();
     let mut residuals = vec![(0.0, 0.0); observations.len()];
     let mut scale = f64::INFINITY;
-    for iteration in 0..ITERATIONS {
+    for iteration in 0..steps {
         for ((r, o), view) in residuals.iter_mut().zip(observations).zip(&views) {
             *r = residual_px(calibration, &plane, o.laser, view)?;
         }
-        scale = robust_sigma(residuals.iter().zip(observations).map(|(r, o)| r.0 / o.sigma_px))?.max(0.3);
+        let in_sigmas = residuals.iter().zip(observations).map(|(r, o)| r.0 / o.sigma_px);
+        scale = robust_sigma(in_sigmas)?.max(least_scale);
         let mut normal = Matrix3::zeros();
         let mut right = Vector3::zeros();
         for (((px, per_px), o), view) in residuals.iter().zip(observations).zip(&views) {
@@ -91,7 +114,7 @@ pub(crate) fn fit_plane(
         let next = normal.cholesky()?.solve(&right);
         let change = (next - plane.per_mm).norm() / next.norm();
         plane = Plane::new(next);
-        if change < 1e-9 {
+        if change < settled {
             break;
         }
     }

@@ -4,7 +4,7 @@
 use super::corners_outside;
 use crate::calibration::Calibration;
 use crate::edges::side_scan::{EdgeCandidate, ScanRange, SideScan, TURN_PX};
-use crate::face::end_outline::{END_TOLERANCE_PX, End, LIMIT_BEYOND_PX, ends_by_side, innermost};
+use crate::face::end_outline::{End, EndSettings, ends_by_side, innermost};
 use crate::face::extent::FaceStripes;
 use crate::face::outline::{InitialRectangle, SIDES, outward_sign, span_mm};
 use crate::face::raster::PlaneRaster;
@@ -30,7 +30,7 @@ struct SnapSettings {
     scan_px: f64,
     /// Distance of samples across the side, px. More is quicker and less exact.
     step_px: f64,
-    /// A stripe that goes on for this share of [`LIMIT_BEYOND_PX`] did not leave the plane. More takes a flush neighbour's seam for an edge.
+    /// A stripe that goes on for this share of [`EndSettings::beyond_px`] did not leave the plane. More takes a flush neighbour's seam for an edge.
     runs_beyond: f64,
     /// Share of a side on which the image must show an edge where the stripes run on beyond it: a flush neighbour's seam is seen
     /// along the whole side. More refuses faint seams.
@@ -110,7 +110,7 @@ impl Snap<'_> {
     /// Both stripes go on beyond the side.
     fn runs_beyond(&self, side: usize, pair: &[End; 2]) -> bool {
         let ((across, _), offset) = (SIDES[side], self.outline.offsets_mm[side]);
-        let far = self.settings.runs_beyond * LIMIT_BEYOND_PX * self.outline.mm_per_px;
+        let far = self.settings.runs_beyond * EndSettings::DEFAULT.beyond_px * self.outline.mm_per_px;
         pair.iter().all(|e| e.runs_on || outward_sign(side) * (across.offset(e.at) - offset) > far)
     }
 
@@ -155,7 +155,8 @@ impl Snap<'_> {
         }
         // What is coplanar beyond the side, or hides the stripes before it, does so to both: they speak as one, the nearer. Two that
         // disagree say nothing.
-        let agree = matches!(ends_here[..], [(a, _), (b, _)] if (a - b).abs() <= END_TOLERANCE_PX * px);
+        let tolerance = EndSettings::DEFAULT.tolerance_px * px;
+        let agree = matches!(ends_here[..], [(a, _), (b, _)] if (a - b).abs() <= tolerance);
         let near = |e: &EdgeCandidate| {
             let by_ends = ends_here
                 .iter()
