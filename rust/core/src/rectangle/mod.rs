@@ -35,18 +35,50 @@ use refine::{FittedRectangle, Problem, Shape, refine};
 use sharp_edge::Sharpened;
 use side_view::Correction;
 
-/// Fewest edge points on a side.
-const MIN_EDGE_POINTS: usize = 8;
-/// Residuals above these are not noise: stripes scatter by 0.2 to 0.5 px, edges by 0.3 to 1 px.
-const MAX_STRIPE_RMS_PX: f64 = 1.5;
-const MAX_EDGE_RMS_PX: f64 = 1.5;
-/// ... but edges of real boxes bow and wave by up to 4 mm, the rms of which is half of that; sigma takes it in.
-const MAX_EDGE_RMS_MM: f64 = 2.0;
+/// What is seen of a face that may be measured, and when its fit is refused. Where a field gives no reason for its value, none is on record.
+#[derive(Clone, Copy, Debug)]
+struct RectangleSettings {
+    /// Fewest edge points on a side. More refuses sides of which little is seen.
+    least_edge_points: usize,
+    /// Stripe centres so far inside the sides count, px of the middle of the face. More leaves out centres that are sound, less takes in those on a
+    /// rounded edge.
+    inside_px: f64,
+    /// Edge points so far beyond a stripe's foot are not disturbed by its light, px. More leaves out edge points that are sound.
+    beside_stripe_px: f64,
+    /// Largest rms of the residuals of stripes, px: they scatter by 0.2 to 0.5 px. More measures what is not planar.
+    most_stripe_rms_px: f64,
+    /// ... and of edges, px: they scatter by 0.3 to 1 px. More measures what is no rectangle.
+    most_edge_rms_px: f64,
+    /// ... or in sigmas of the edge points, which are larger where these come from a coarse map. The same.
+    most_edge_rms_sigmas: f64,
+    /// ... or in mm: edges of real boxes bow and wave by up to 4 mm, the rms of which is half of that; sigma takes it in. The same.
+    most_edge_rms_mm: f64,
+    /// A side that lies so far beyond where both its stripes end, px, is none: nothing that is not the face can be nearer to the head
+    /// than its stripes. More measures faces at lines beyond them.
+    too_far_px: f64,
+    /// ... or so many mm: near the head a stripe ends earlier by more px, where the edge is rounder than is taken for usual. The same.
+    too_far_mm: f64,
+}
 
-/// A side that lies so far beyond where both its stripes end, px, is none: nothing that is not the face can be nearer to the head
-/// than its stripes. Near the head a stripe ends earlier by more px, where the edge is rounder than is taken for usual.
-const TOO_FAR_PX: f64 = 10.0;
-const TOO_FAR_MM: f64 = *rounding::CARDBOARD_MM.end() - sharp_edge::USUAL_RADIUS_MM;
+impl RectangleSettings {
+    const DEFAULT: Self = Self {
+        least_edge_points: 8,
+        inside_px: 2.0,
+        beside_stripe_px: 5.0,
+        most_stripe_rms_px: 1.5,
+        most_edge_rms_px: 1.5,
+        most_edge_rms_sigmas: 3.0,
+        most_edge_rms_mm: 2.0,
+        too_far_px: 10.0,
+        too_far_mm: *rounding::CARDBOARD_MM.end() - sharp_edge::USUAL_RADIUS_MM,
+    };
+}
+
+impl Default for RectangleSettings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
 
 /// Sides from eight key points.
 pub(crate) struct KeyPointSides {
@@ -69,19 +101,21 @@ pub(crate) fn measure(
     settings: &Settings,
     key_points: Option<SidesOf<'_>>,
 ) -> Result<FaceMeasurement, Reject> {
-    let sides_found = edges.iter().filter(|e| e.len() >= MIN_EDGE_POINTS).count() as u8;
+    let limits = &RectangleSettings::DEFAULT;
+    let sides_found = edges.iter().filter(|e| e.len() >= limits.least_edge_points).count() as u8;
     let open = || Reject::RectangleOpen { sides_found };
     if sides_found < 4 {
         return Err(open());
     }
-    if face.fit.rms_px > MAX_STRIPE_RMS_PX {
-        return Err(Reject::FaceNotPlanar { rms_px: face.fit.rms_px, limit_px: MAX_STRIPE_RMS_PX });
+    let (rms_px, limit_px) = (face.fit.rms_px, limits.most_stripe_rms_px);
+    if rms_px > limit_px {
+        return Err(Reject::FaceNotPlanar { rms_px, limit_px });
     }
     let stripes = face_observations(calibration, face, initial);
     let observed = FaceObservations { calibration, stripes: &stripes, edges };
     let fitted = observed.fit(initial, settings).ok_or_else(open)?;
     let fit = &fitted.fit;
-    let limit_px = edge_limit_px(edges).max(MAX_EDGE_RMS_MM / initial.mm_per_px);
+    let limit_px = edge_limit_px(edges).max(limits.most_edge_rms_mm / initial.mm_per_px);
     if fit.edge_rms_px > limit_px {
         return Err(Reject::NotARectangle { rms_px: fit.edge_rms_px, limit_px });
     }
@@ -93,7 +127,7 @@ pub(crate) fn measure(
     for (correction, nearby) in corrections.iter_mut().zip(&nearby) {
         correction.sigma_mm = correction.sigma_mm.hypot(nearby.sigma_mm);
     }
-    let too_far_mm = TOO_FAR_MM.max(TOO_FAR_PX * initial.mm_per_px);
+    let too_far_mm = limits.too_far_mm.max(limits.too_far_px * initial.mm_per_px);
     let beyond_ends = misplaced_mm.iter().filter(|off| **off < -too_far_mm).count() as u8;
     if beyond_ends > 0 {
         return Err(Reject::RectangleOpen { sides_found: 4 - beyond_ends });
@@ -209,7 +243,8 @@ fn lengths_mm(offsets_mm: &[f64; 4]) -> [f64; 2] {
 /// What edge residuals may be: more where the points come from a coarse map.
 fn edge_limit_px(edges: &[Vec<EdgePoint>; 4]) -> f64 {
     let (sum, count) = edges.iter().flatten().fold((0.0, 0.0), |(s, n), e| (s + e.sigma_px, n + 1.0));
-    MAX_EDGE_RMS_PX.max(3.0 * sum / f64::max(count, 1.0))
+    let RectangleSettings { most_edge_rms_px, most_edge_rms_sigmas, .. } = RectangleSettings::DEFAULT;
+    most_edge_rms_px.max(most_edge_rms_sigmas * sum / f64::max(count, 1.0))
 }
 
 /// The stripe centres that lie within the rectangle.
@@ -218,7 +253,7 @@ fn face_observations(
     face: &FaceStripes,
     initial: &InitialRectangle,
 ) -> Vec<StripeObservation> {
-    let margin = 2.0 * initial.mm_per_px;
+    let margin = RectangleSettings::DEFAULT.inside_px * initial.mm_per_px;
     let [a0, a1, b0, b1] = initial.offsets_mm;
     let inside = |o: &StripeObservation| {
         initial
@@ -357,7 +392,7 @@ pub(crate) fn keep_out(
     face: &FaceStripes,
     initial: &InitialRectangle,
 ) -> Vec<(Px, f64)> {
-    let radius = face.half_width_px + 5.0;
+    let radius = face.half_width_px + RectangleSettings::DEFAULT.beside_stripe_px;
     let mut places = Vec::with_capacity(8);
     for (side, (across, _)) in SIDES.iter().enumerate() {
         for id in across.stripes() {

@@ -78,16 +78,49 @@ impl FittedRectangle {
     }
 }
 
-const ITERATIONS: usize = 12;
-/// Neighbouring edge points share print, shadow and rounding: about one in so many is independent, where the residuals
-/// cannot tell.
-const EDGE_CORRELATION: f64 = 4.0;
-/// The same for stripe points (texture, after speckle is averaged in the block).
-const STRIPE_CORRELATION: f64 = 2.0;
-/// So many observations tell the correlation as well as what is known beforehand.
-const CORRELATION_PRIOR: f64 = 30.0;
-/// Neighbours up to this distance can be correlated; beyond it the estimate is noise alone.
-const MOST_NEIGHBOURS: usize = 12;
+/// How the fit weighs what is seen. UNCERTAINTY.md has how well the sigmas that follow hold; no record says how each value was chosen.
+#[derive(Clone, Copy, Debug)]
+struct RefineSettings {
+    /// Steps at most. More takes longer where weights do not settle.
+    steps: usize,
+    /// A step that is so short ends the fit: its square in its own sigmas. More ends it before it has settled.
+    settled: f64,
+    /// Least robust scatter that is believed, in sigmas of the points. More lets outliers in and makes sigmas larger.
+    least_scale: f64,
+    /// Edge points with at least this weight are told as those that count. More tells fewer.
+    inlier: f64,
+    /// Neighbouring edge points share print, shadow and rounding: about one in so many is independent, where the residuals
+    /// cannot tell. More lets edges say less and makes sigmas larger.
+    edge_correlation: f64,
+    /// The same for stripe points (texture, after speckle is averaged in the block).
+    stripe_correlation: f64,
+    /// So many observations tell the correlation as well as what is known beforehand. More hears the residuals less.
+    correlation_prior: f64,
+    /// Neighbours up to this distance can be correlated; beyond it the estimate is noise alone. More adds noise to the sum.
+    most_neighbours: usize,
+    /// A correlation below so many of its own sigmas is lost in noise, and the sum ends. More ends it early, and sigmas come out too small.
+    lost_sigmas: f64,
+}
+
+impl RefineSettings {
+    const DEFAULT: Self = Self {
+        steps: 12,
+        settled: 1e-6,
+        least_scale: 0.5,
+        inlier: 0.1,
+        edge_correlation: 4.0,
+        stripe_correlation: 2.0,
+        correlation_prior: 30.0,
+        most_neighbours: 12,
+        lost_sigmas: 2.0,
+    };
+}
+
+impl Default for RefineSettings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
 
 /// What is seen of a face.
 pub(crate) struct Problem<'a> {
@@ -143,10 +176,11 @@ impl<'a> Problem<'a> {
 
 /// Weighs stripes, which come first, and edges.
 pub(super) fn weigh_all(rows: &mut [Row]) {
+    let RefineSettings { edge_correlation, stripe_correlation, .. } = RefineSettings::DEFAULT;
     let stripes = rows.partition_point(|r| matches!(r.source, Source::Stripe(_)));
     let (stripe_rows, edge_rows) = rows.split_at_mut(stripes);
-    weigh(stripe_rows, STRIPE_CORRELATION);
-    weigh(edge_rows, EDGE_CORRELATION);
+    weigh(stripe_rows, stripe_correlation);
+    weigh(edge_rows, edge_correlation);
 }
 
 /// Robust weights in units of the rows' own scatter; neighbours that say the same count once.
@@ -170,28 +204,30 @@ fn correlation(rows: &[Row], usual: f64) -> f64 {
     if power <= 0.0 {
         return usual;
     }
+    let RefineSettings { correlation_prior, most_neighbours, lost_sigmas, .. } = RefineSettings::DEFAULT;
     let mut sum = 1.0;
-    for distance in 1..=MOST_NEIGHBOURS {
+    for distance in 1..=most_neighbours {
         let of_runs = rows.chunk_by(|a, b| a.source == b.source).scan(0, |end, run| {
             *end += run.len();
             let units = &units[*end - run.len()..*end];
             Some(units.iter().zip(units.iter().skip(distance)).map(|(a, b)| a * b).sum::<f64>())
         });
         let rho = of_runs.sum::<f64>() / power;
-        if rho < 2.0 / count.sqrt() {
+        if rho < lost_sigmas / count.sqrt() {
             break;
         }
         sum += 2.0 * rho;
     }
-    ((count * sum + CORRELATION_PRIOR * usual) / (count + CORRELATION_PRIOR)).max(1.0)
+    ((count * sum + correlation_prior * usual) / (count + correlation_prior)).max(1.0)
 }
 
 /// Fits the face. `None` if the observations do not fix all its unknowns.
 pub(crate) fn refine(problem: &Problem, start: &FaceState, shape: Shape) -> Option<FittedRectangle> {
+    let RefineSettings { steps, settled, inlier, .. } = RefineSettings::DEFAULT;
     let mut state = *start;
     let mut covariance = Covariance::zeros();
     let mut rows = problem.rows(&state)?;
-    for _ in 0..ITERATIONS {
+    for _ in 0..steps {
         let mut normal = Covariance::zeros();
         let mut right = Unknowns::zeros();
         for row in rows.iter().filter(|r| r.robust > 0.0) {
@@ -209,7 +245,7 @@ pub(crate) fn refine(problem: &Problem, start: &FaceState, shape: Shape) -> Opti
         state = state.plus(&step);
         rows = problem.rows(&state)?;
         // The step in its sigmas, in any unknowns.
-        if step.dot(&right) < 1e-6 {
+        if step.dot(&right) < settled {
             break;
         }
     }
@@ -218,8 +254,9 @@ pub(crate) fn refine(problem: &Problem, start: &FaceState, shape: Shape) -> Opti
         let (sum, count) = counted.fold((0.0, 0.0), |(s, n), r| (s + r.robust * r.px * r.px, n + r.robust));
         (sum / f64::max(count, 1.0)).sqrt()
     };
-    let edge_inliers = [0, 1, 2, 3]
-        .map(|side| rows.iter().filter(|r| r.source == Source::Edge(side)).map(|r| r.robust > 0.1).collect());
+    let edge_inliers = [0, 1, 2, 3].map(|side| {
+        rows.iter().filter(|r| r.source == Source::Edge(side)).map(|r| r.robust > inlier).collect()
+    });
     let (rms_px, edge_rms_px) = (rms(false), rms(true));
     let numbers = [state.per_mm].into_iter().chain(state.offsets_mm).chain(state.shape_rad);
     let finite = state.axes.iter().copied().chain(numbers).all(f64::is_finite);
@@ -249,7 +286,8 @@ fn inverse(normal: &Covariance, shape: Shape) -> Option<Covariance> {
 }
 
 fn robust_scale(rows: &[Row]) -> f64 {
-    robust_sigma(rows.iter().map(|r| r.px / r.sigma_px)).map_or(1.0, |sigma| sigma.max(0.5))
+    robust_sigma(rows.iter().map(|r| r.px / r.sigma_px))
+        .map_or(1.0, |sigma| sigma.max(RefineSettings::DEFAULT.least_scale))
 }
 
 #[cfg(test)]
