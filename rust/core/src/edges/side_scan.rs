@@ -18,11 +18,43 @@ pub(crate) const SEGMENTS: usize = 16;
 const SAMPLES_A_SEGMENT: usize = 10;
 /// Half the distance over which a step is measured, in scan steps (about px): the optics blur an edge over 2 to 3 px.
 const STEP_REACH: usize = 2;
-/// A step this many noise sigmas high counts fully; one segment must not outvote the others.
-const FULL_SIGMAS: f32 = 5.0;
 /// Exact projections every so many scan steps and at the segments' ends, straight lines between: distortion bends by less than
 /// 0.05 px there.
 const NODE_STEPS: usize = 32;
+
+/// What counts as an edge in one segment, and where candidates lie. Where a field gives no reason for its value, none is on record.
+#[derive(Clone, Copy, Debug)]
+struct ScanSettings {
+    /// Fewest steps of a segment that are seen: their noise is known from them. More leaves out lines near the picture's border.
+    least_seen: usize,
+    /// Least noise that is believed, grey levels: where the picture is flat. More loses faint edges.
+    least_noise: f32,
+    /// A step this many noise sigmas high counts fully; one segment must not outvote the others. More lets faint edges count less.
+    full_sigmas: f32,
+    /// A thin dark line counts so much more than a step as high. More takes print for seams.
+    dark_line: f32,
+    /// An edge between two steps counts so much at either. More widens edges.
+    beside: f32,
+    /// Most steps by which an edge drifts from end to end. More takes longer, and edges that are turned farther count.
+    most_drift: f64,
+}
+
+impl ScanSettings {
+    const DEFAULT: Self = Self {
+        least_seen: 16,
+        least_noise: 0.5,
+        full_sigmas: 5.0,
+        dark_line: 1.5,
+        beside: 0.7,
+        most_drift: 40.0,
+    };
+}
+
+impl Default for ScanSettings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
 
 /// What is scanned.
 #[derive(Clone, Copy, Debug)]
@@ -59,8 +91,9 @@ pub(crate) struct EdgeCandidate {
 
 /// Raises the evidence of one segment to what its mean profile shows, channel by channel.
 fn add_evidence(channels: &[Vec<f32>; 2], out: &mut [f32]) {
+    let settings = ScanSettings::DEFAULT;
     let n = out.len();
-    if n < 16 + 4 * STEP_REACH {
+    if n < settings.least_seen + 4 * STEP_REACH {
         return;
     }
     let mut value = Vec::with_capacity(n);
@@ -71,19 +104,19 @@ fn add_evidence(channels: &[Vec<f32>; 2], out: &mut [f32]) {
         value.extend(after.iter().zip(before).map(|(a, b)| (a - b).abs()));
         sorted.clear();
         sorted.extend(value.iter().filter(|s| s.is_finite()));
-        if sorted.len() < 16 {
+        if sorted.len() < settings.least_seen {
             continue;
         }
-        let sigma = noise_of(&mut sorted, 0.5);
+        let sigma = noise_of(&mut sorted, settings.least_noise);
         if channel == 0 {
             // A thin line must be dark: the gap between two boxes.
             let beside = tone.iter().zip(&tone[4 * STEP_REACH..]);
             for ((v, here), (left, right)) in value.iter_mut().zip(&tone[2 * STEP_REACH..]).zip(beside) {
-                *v = v.max(-1.5 * (here - 0.5 * (left + right)));
+                *v = v.max(-settings.dark_line * (here - 0.5 * (left + right)));
             }
         }
         for (o, v) in out[2 * STEP_REACH..].iter_mut().zip(&value) {
-            let seen = ((v / sigma - 1.0) / (FULL_SIGMAS - 1.0)).clamp(0.0, 1.0);
+            let seen = ((v / sigma - 1.0) / (settings.full_sigmas - 1.0)).clamp(0.0, 1.0);
             *o = o.max(seen); // keeps what it has where nothing is seen (NaN)
         }
     }
@@ -138,7 +171,7 @@ impl SideScan {
         let mut wide = vec![0f32; SEGMENTS * n];
         for (wide, row) in wide.chunks_exact_mut(n).zip(self.strength.chunks_exact(n)) {
             for (w, near) in wide[1..].iter_mut().zip(row.windows(3)) {
-                *w = near[1].max(0.7 * near[0].max(near[2]));
+                *w = near[1].max(ScanSettings::DEFAULT.beside * near[0].max(near[2]));
             }
         }
         let mut best = vec![0f32; n];
@@ -169,7 +202,8 @@ impl SideScan {
         least: f32,
         keep: usize,
     ) -> Vec<EdgeCandidate> {
-        let max_drift = (max_drift_mm / self.step_mm).round().clamp(0.0, 40.0) as i64;
+        let most_drift = ScanSettings::DEFAULT.most_drift;
+        let max_drift = (max_drift_mm / self.step_mm).round().clamp(0.0, most_drift) as i64;
         // Places are halves of a step and often just so far apart: the last digit must not decide.
         let apart_mm = apart_mm - 1e-6 * self.step_mm;
         let best = self.best_strengths(max_drift);

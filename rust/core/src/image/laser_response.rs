@@ -183,8 +183,8 @@ pub(super) struct Gain {
 impl Gain {
     /// By a sample of how much the sums change.
     pub(super) fn new(slopes: &[i16]) -> Self {
-        // The floor is half a grey level per pixel (8 x 5 sums): JPEG's own step.
-        let sigma = (f32::from(median(slopes)) / MEDIAN_SIGMAS as f32).max(0.5 * 8.0 * ALONG as f32 / 2.0);
+        let floor = of_sums(RidgeSettings::DEFAULT.least_noise);
+        let sigma = (f32::from(median(slopes)) / MEDIAN_SIGMAS as f32).max(floor);
         Self {
             most: (Z_CLIP * sigma).min(f32::from(i16::MAX)) as i16,
             gain: (GAIN_ONE as f32 * Z_STEPS / sigma).round() as i16,
@@ -239,14 +239,38 @@ fn median(values: &[i16]) -> i16 {
     })
 }
 
-/// Columns of the stripe's core and of each side that the faint map averages, half-resolution px: a stripe is 4 to 6 wide at half
-/// its height along a row at 45 degrees.
-const CORE: usize = 3;
-const SIDE: usize = 4;
+/// Least noise of both maps, and what the faint one adds up and counts.
+#[derive(Clone, Copy, Debug)]
+struct RidgeSettings {
+    /// Least noise that is believed, grey levels a pixel: JPEG's own step. More loses stripes on clean board.
+    least_noise: f32,
+    /// ... in the faint map, whose means leave less of JPEG's steps. More loses faint stripes.
+    faint_least_noise: f32,
+    /// Columns of the stripe's core that the faint map averages, half-resolution px: a stripe is 4 to 6 wide at half its height along a row at 45
+    /// degrees. More mixes in what lies beside it, less shows more noise.
+    core: usize,
+    /// ... and of each side. More meets print, less shows more noise.
+    side: usize,
+    /// Least and most that a place counts for a stripe in the faint map, sigmas: noise alone has -0.4 and scatters by 0.8, a faint stripe has
+    /// 0.5 to 2; print beside it has ten. A wider range lets print outvote stripes.
+    faint_clip: (f32, f32),
+}
 
-/// Most that a place counts against and for a stripe in the faint map, sigmas: noise alone has -0.4 and scatters by 0.8, a faint
-/// stripe has 0.5 to 2; print beside it has ten.
-const FAINT_CLIP: (f32, f32) = (-1.2, 1.8);
+impl RidgeSettings {
+    const DEFAULT: Self =
+        Self { least_noise: 0.5, faint_least_noise: 0.25, core: 3, side: 4, faint_clip: (-1.2, 1.8) };
+}
+
+impl Default for RidgeSettings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
+
+/// A noise of so many grey levels a pixel in the unit of the sums of [`ALONG`] places, 8 for each.
+fn of_sums(grey: f32) -> f32 {
+    grey * 8.0 * ALONG as f32 / 2.0
+}
 
 /// As [`ridge_map`] with wider means, for stripes that no pixel shows: 1.7 times the signal to noise of the narrow one if
 /// pixels are independent; thin print looks more like a stripe in it.
@@ -256,7 +280,8 @@ pub(crate) fn faint_ridge_map(
     laser_response: &[i16],
     diagonal: Diagonal,
 ) -> RidgeMap {
-    let (margin, reach) = (ALONG / 2, ACROSS + SIDE / 2);
+    let settings = RidgeSettings::DEFAULT;
+    let (margin, reach) = (ALONG / 2, ACROSS + settings.side / 2);
     let mut ridge = vec![0f32; width * BLOCK];
     let mut slope = vec![0f32; width * BLOCK];
     let mut z = vec![0i8; width * height];
@@ -285,8 +310,9 @@ pub(crate) fn faint_ridge_map(
                 let from = first.wrapping_add_signed(away) - count / 2;
                 (&running[from..][..n], &running[from + count..][..n], 1.0 / count as f32)
             };
+            let beside = |away: isize| ends(away, settings.side);
             let (core, left, right) =
-                (ends(0, CORE), ends(-(ACROSS as isize), SIDE), ends(ACROSS as isize, SIDE));
+                (ends(0, settings.core), beside(-(ACROSS as isize)), beside(ACROSS as isize));
             let mean = |(low, high, share): (&[i32], &[i32], f32), x: usize| {
                 high[x].wrapping_sub(low[x]) as f32 * share
             };
@@ -304,15 +330,15 @@ pub(crate) fn faint_ridge_map(
             for row in slope.chunks_exact(width.max(1)).take(rows).step_by(2) {
                 sample.extend(row[block_left..][..columns].iter().step_by(2));
             }
-            // As in the narrow map; the means leave less of JPEG's steps.
-            let floor = 0.25 * 8.0 * ALONG as f32 / 2.0;
+            let floor = of_sums(settings.faint_least_noise);
             let sigma = robust_sigma_f32(&mut sample).map_or(floor, |sigma| sigma.max(floor));
             let gain = Z_STEPS / sigma;
             for r in 0..rows {
                 let from = &ridge[r * width + block_left..][..columns];
                 let to = &mut z[(block_top + r) * width + block_left..][..columns];
+                let (least, most) = settings.faint_clip;
                 for (o, x) in to.iter_mut().zip(from) {
-                    *o = (x * gain).clamp(FAINT_CLIP.0 * Z_STEPS, FAINT_CLIP.1 * Z_STEPS) as i32 as i8;
+                    *o = (x * gain).clamp(least * Z_STEPS, most * Z_STEPS) as i32 as i8;
                 }
             }
         }

@@ -15,25 +15,68 @@ pub struct Peak {
     pub noise: f64,
 }
 
-/// Speckle: the centre of one row scatters by this much, px (PHYSICS.md: 0.2 to 0.4), and rows decorrelate after so many.
-const SPECKLE_PX: f64 = 0.3;
-const SPECKLE_ROWS: f64 = 1.5;
-/// Allowed half widths at the foot, px: optics and sensor blur set the lower, a 3 mm beam at 0.35 m the upper.
-const HALF_WIDTHS_PX: (f64, f64) = (4.0, 18.0);
-/// Foot over half width at half height: 1.85 for a bell (3 sigma would be 2.55, but its foot is below 5 % there), less
-/// for a saturated stripe, where a wider window costs little.
-const FOOT_PER_HALF_HEIGHT: f64 = 1.9;
+/// How wide a stripe is taken to be and which samples are its own. Where a field gives no reason for its value, none is on record.
+#[derive(Clone, Copy, Debug)]
+struct PeakSettings {
+    /// Speckle: the centre of one row scatters by this much, px (PHYSICS.md: 0.2 to 0.4). More makes sigmas larger.
+    speckle_px: f64,
+    /// ... and rows decorrelate after so many (PHYSICS.md: one to two). More makes sigmas larger.
+    speckle_rows: f64,
+    /// Least half width at the foot, px: optics and sensor blur set it. More takes in what lies beside narrow stripes.
+    least_half_width_px: f64,
+    /// Largest, px: a 3 mm beam at 0.35 m. More takes print beside a stripe for its flank.
+    most_half_width_px: f64,
+    /// Foot over half width at half height: 1.85 for a bell (3 sigma would be 2.55, but its foot is below 5 % there), less
+    /// for a saturated stripe, where a wider window costs little. More takes in more noise.
+    foot_per_half_height: f64,
+    /// Samples of the background, on either hand: from one to so many half widths from the peak. They are enough to know it; farther away other
+    /// things begin, and more takes these in.
+    background: f64,
+    /// So far from the highest sample the flat top of a saturated stripe is looked for, half widths. More joins two stripes.
+    plateau: f64,
+    /// Below this share of the peak a sample is background: keeps far noise out of the centre of gravity. More leaves out more of the flanks, and
+    /// noise counts more.
+    cut_off: f64,
+    /// Steps of the window's centre; each shrinks the offset by more than half. More takes longer.
+    recentre: usize,
+    /// A step of it that is shorter ends them, samples. More ends them early.
+    settled: f64,
+}
+
+impl PeakSettings {
+    const DEFAULT: Self = Self {
+        speckle_px: 0.3,
+        speckle_rows: 1.5,
+        least_half_width_px: 4.0,
+        most_half_width_px: 18.0,
+        foot_per_half_height: 1.9,
+        background: 2.0,
+        plateau: 1.5,
+        cut_off: 0.08,
+        recentre: 6,
+        settled: 1e-3,
+    };
+}
+
+impl Default for PeakSettings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
 
 /// Standard deviation that speckle gives the centre of a profile averaged over so many rows along the stripe, px.
 #[must_use]
 pub fn speckle_px(rows: f64) -> f64 {
-    SPECKLE_PX / (rows / SPECKLE_ROWS).max(1.0).sqrt()
+    let PeakSettings { speckle_px, speckle_rows, .. } = PeakSettings::DEFAULT;
+    speckle_px / (rows / speckle_rows).max(1.0).sqrt()
 }
 
 /// Half the width of a stripe at its foot, px, from half its width at half its height, px; 4 to 18 px.
 #[must_use]
 pub fn foot_half_width_px(at_half_height_px: f64) -> f64 {
-    (at_half_height_px * FOOT_PER_HALF_HEIGHT).clamp(HALF_WIDTHS_PX.0, HALF_WIDTHS_PX.1)
+    let PeakSettings { foot_per_half_height, least_half_width_px, most_half_width_px, .. } =
+        PeakSettings::DEFAULT;
+    (at_half_height_px * foot_per_half_height).clamp(least_half_width_px, most_half_width_px)
 }
 
 /// How the centre is computed.
@@ -89,18 +132,13 @@ pub fn find_peak(
 /// The middle of the samples above half height around `top`: the highest sample of a saturated stripe can be anywhere on
 /// its flat top.
 fn middle_of_plateau(profile: &[f32], top: usize, half_width: f64) -> usize {
-    let reach = (1.5 * half_width) as usize;
+    let reach = (PeakSettings::DEFAULT.plateau * half_width) as usize;
     let (lo, hi) = (top.saturating_sub(reach), (top + reach).min(profile.len() - 1));
     let half = 0.5 * (profile[top] + 0.5 * (profile[lo] + profile[hi]));
     let first = (lo..=top).rev().take_while(|i| profile[*i] >= half).last().unwrap_or(top);
     let last = (top..=hi).take_while(|i| profile[*i] >= half).last().unwrap_or(top);
     (first + last) / 2
 }
-
-/// Iterations of the window's centre; each shrinks the offset by more than half.
-const RECENTRE: usize = 6;
-/// Below this share of the peak a sample is background: keeps far noise out of the centre of gravity.
-const CUT_OFF: f64 = 0.08;
 
 fn centre_of_gravity(
     net: impl Fn(usize) -> f64,
@@ -109,13 +147,14 @@ fn centre_of_gravity(
     half_width: f64,
     amplitude: f64,
 ) -> Option<(f64, f64)> {
+    let PeakSettings { cut_off, recentre, settled, .. } = PeakSettings::DEFAULT;
     // Sums of all samples before each, and their moments: the window's inner part at once. It may wander by its half width.
     let base = (top - 2.0 * half_width - 2.0).max(0.0) as usize;
     let n = ((top + 2.0 * half_width + 2.0) as usize).min(n);
     let mut before = Vec::with_capacity(n.saturating_sub(base) + 1);
     let (mut sum, mut moment) = (0.0, 0.0);
     before.push((sum, moment));
-    let weight = |i: usize| (net(i) - CUT_OFF * amplitude).max(0.0);
+    let weight = |i: usize| (net(i) - cut_off * amplitude).max(0.0);
     for i in base..n {
         let weight = weight(i);
         sum += weight;
@@ -123,7 +162,7 @@ fn centre_of_gravity(
         before.push((sum, moment));
     }
     let mut centre = top;
-    for _ in 0..RECENTRE {
+    for _ in 0..recentre {
         let lo = ((centre - half_width).floor().max(0.0) as usize).max(base);
         let hi = ((centre + half_width).ceil() as usize).min(n - 1);
         // The window's ends count in part, so that the result moves smoothly with the window.
@@ -141,7 +180,7 @@ fn centre_of_gravity(
             return None;
         }
         let next = moment / sum;
-        if (next - centre).abs() < 1e-3 {
+        if (next - centre).abs() < settled {
             centre = next;
             break;
         }
@@ -179,7 +218,7 @@ fn steger(net: impl Fn(usize) -> f64, n: usize, top: usize, half_width: f64) -> 
 }
 
 /// Foot of a bell over its standard deviation; half its height is reached at 1.177 of these.
-const FOOT_PER_SIGMA: f64 = 1.177 * FOOT_PER_HALF_HEIGHT;
+const FOOT_PER_SIGMA: f64 = 1.177 * PeakSettings::DEFAULT.foot_per_half_height;
 /// Gauss-Newton on three unknowns from a start within a pixel: quadratic.
 const BELL_STEPS: usize = 12;
 
@@ -239,10 +278,10 @@ fn above(place: f64, n: usize) -> usize {
 impl Background {
     fn fit(profile: &[f32], centre: f64, half_width: f64) -> Option<Self> {
         let (mut count, mut sx, mut sy, mut sxx, mut sxy, mut syy) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
-        // Two stripe widths are enough to know the background; farther away other things begin.
         let n = profile.len();
-        let left = at_least(centre - 2.0 * half_width, n)..at_least(centre - half_width, n);
-        let right = above(centre + half_width, n)..above(centre + 2.0 * half_width, n);
+        let far = PeakSettings::DEFAULT.background * half_width;
+        let left = at_least(centre - far, n)..at_least(centre - half_width, n);
+        let right = above(centre + half_width, n)..above(centre + far, n);
         for i in left.clone().chain(right.clone()) {
             let (x, y) = (i as f64 - centre, f64::from(profile[i]));
             count += 1.0;
