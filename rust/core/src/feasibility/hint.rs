@@ -36,15 +36,42 @@ pub struct Hint {
     pub moves: Vec<Move>,
 }
 
-/// Room that a view has when the hint was followed, in units of the usual margin: nobody moves exactly.
-const ROOM: [f64; 3] = [3.0, 1.5, 0.5];
-/// Distances that are tried: so many steps of 4 % either way, a factor of 4.8.
-const DISTANCE_STEPS: i32 = 40;
-const DISTANCE_FACTOR: f64 = 1.04;
-/// Smaller angles than this are no instruction, rad: 2 degrees.
-const LEAST_ANGLE_RAD: f64 = 0.035;
-/// By how much to aim where only the direction is known, rad: a tenth of the field of view.
-const BLIND_AIM_RAD: f64 = 0.1;
+/// Which moves are tried and told. Where a field gives no reason for its value, none is on record.
+#[derive(Clone, Copy, Debug)]
+struct HintSettings {
+    /// Room that a view has when the hint was followed, in units of the usual margin, most first: nobody moves exactly. More asks for longer moves.
+    room: [f64; 3],
+    /// Distances that are tried: so many steps either way, a factor of 4.8. More takes longer.
+    steps: i32,
+    /// ... from one of them to the next. More tells distances less exactly.
+    step: f64,
+    /// What such a step costs, in moves. More tells another move in place of a long way.
+    step_cost: f64,
+    /// Smaller angles than this are no instruction, rad: 2 degrees. More leaves out moves that would help.
+    least_angle_rad: f64,
+    /// By how much to aim where only the direction is known, rad: a tenth of the field of view. More may lose the face at the other border.
+    blind_aim_rad: f64,
+    /// ... and for a stripe that passes beside the face, half of that, beside a move closer. The same.
+    blind_aside_rad: f64,
+}
+
+impl HintSettings {
+    const DEFAULT: Self = Self {
+        room: [3.0, 1.5, 0.5],
+        steps: 40,
+        step: 1.04,
+        step_cost: 0.02,
+        least_angle_rad: 0.035,
+        blind_aim_rad: 0.1,
+        blind_aside_rad: 0.05,
+    };
+}
+
+impl Default for HintSettings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
 
 impl Hint {
     /// The hint for a refused view, from the rectangle that was seen (in the camera frame) or from the refusal alone. `None`
@@ -72,7 +99,7 @@ impl Hint {
 
     /// The fewest moves, and among those the least change of distance, that clear all obstacles.
     pub(crate) fn for_pose(calibration: &Calibration, pose: &FacePose) -> Option<Self> {
-        for room in ROOM {
+        for room in HintSettings::DEFAULT.room {
             let mut best: Option<(f64, Self)> = None;
             for plan in plans(calibration, pose) {
                 let Some((moves, moved)) = plan.carry_out(calibration, pose) else { continue };
@@ -93,12 +120,13 @@ impl Hint {
 
     /// From the refusal alone.
     fn blind(calibration: &Calibration, reject: &Reject) -> Option<Self> {
+        let HintSettings { blind_aim_rad, blind_aside_rad, .. } = HintSettings::DEFAULT;
         let aim_at = |px: Px| {
             let x = (px.u / f64::from(calibration.width_px()) - 0.5) * 2.0;
             let y = (px.v / f64::from(calibration.height_px()) - 0.5) * 2.0;
             // The border that is nearer is the one that cuts.
             let (right, down) = if x.abs() > y.abs() { (x.signum(), 0.0) } else { (0.0, y.signum()) };
-            Move::Aim { right_rad: right * BLIND_AIM_RAD, down_rad: down * BLIND_AIM_RAD }
+            Move::Aim { right_rad: right * blind_aim_rad, down_rad: down * blind_aim_rad }
         };
         let moves = match reject {
             Reject::FaceCutByBorder { sides_cut: 0 | 1, at } => vec![aim_at(*at)],
@@ -108,7 +136,7 @@ impl Hint {
                 let [l1, _, _, l4] = LaserId::ALL;
                 // Stripes 1 and 4 are the right ones of their pairs: the face lies to their left.
                 let right = if *laser == l1 || *laser == l4 { -1.0 } else { 1.0 };
-                vec![Move::Closer(None), Move::Aim { right_rad: right * BLIND_AIM_RAD * 0.5, down_rad: 0.0 }]
+                vec![Move::Closer(None), Move::Aim { right_rad: right * blind_aside_rad, down_rad: 0.0 }]
             }
             _ => return None,
         };
@@ -128,12 +156,13 @@ struct PlannedMoves {
 
 /// All plans for a pose.
 fn plans(calibration: &Calibration, pose: &FacePose) -> Vec<PlannedMoves> {
-    let skewed = misalignment_rad(calibration, pose).filter(|angle| angle.abs() > LEAST_ANGLE_RAD);
+    let HintSettings { steps: most_steps, least_angle_rad, .. } = HintSettings::DEFAULT;
+    let skewed = misalignment_rad(calibration, pose).filter(|angle| angle.abs() > least_angle_rad);
     let rolls = [Some(0.0), skewed, skewed.map(|angle| -angle)];
     let mut all = Vec::new();
     for roll_rad in rolls.into_iter().flatten() {
         for straighten in [false, true] {
-            for steps in -DISTANCE_STEPS..=DISTANCE_STEPS {
+            for steps in -most_steps..=most_steps {
                 for aim in [None, Some(1.0), Some(0.5), Some(0.0)] {
                     all.push(PlannedMoves { roll_rad, straighten, steps, aim });
                 }
@@ -145,23 +174,24 @@ fn plans(calibration: &Calibration, pose: &FacePose) -> Vec<PlannedMoves> {
 
 impl PlannedMoves {
     fn cost(&self, moves: usize) -> f64 {
-        moves as f64 + f64::from(self.steps.abs()) * 0.02
+        moves as f64 + f64::from(self.steps.abs()) * HintSettings::DEFAULT.step_cost
     }
 
     /// The moves and where the face is then.
     fn carry_out(&self, calibration: &Calibration, pose: &FacePose) -> Option<(Vec<Move>, FacePose)> {
+        let HintSettings { step, least_angle_rad, .. } = HintSettings::DEFAULT;
         let mut moves = Vec::new();
         if self.roll_rad != 0.0 {
             moves.push(Move::RollClockwise(self.roll_rad));
         }
         let tilt_rad = pose.axes.column(2).angle(&pose.middle);
         if self.straighten {
-            if tilt_rad < LEAST_ANGLE_RAD {
+            if tilt_rad < least_angle_rad {
                 return None;
             }
             moves.push(Move::LookStraighter(tilt_rad));
         }
-        let change_mm = pose.middle.norm() * (DISTANCE_FACTOR.powi(self.steps) - 1.0);
+        let change_mm = pose.middle.norm() * (step.powi(self.steps) - 1.0);
         if change_mm > 0.0 {
             moves.push(Move::Farther(Some(change_mm)));
         } else if change_mm < 0.0 {
@@ -176,7 +206,7 @@ impl PlannedMoves {
             let right_rad = moved.middle.x.atan2(moved.middle.z) - target.x.atan();
             let turned = follow(&moved, &[Move::Aim { right_rad, down_rad: 0.0 }]);
             let down_rad = turned.middle.y.atan2(turned.middle.z) - target.y.atan();
-            if right_rad.hypot(down_rad) < LEAST_ANGLE_RAD {
+            if right_rad.hypot(down_rad) < least_angle_rad {
                 return None;
             }
             let aim = Move::Aim { right_rad, down_rad };

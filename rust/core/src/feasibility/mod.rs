@@ -35,8 +35,8 @@ pub fn too_far(calibration: &Calibration, corners: [Point<Cam>; 4]) -> Option<Re
         .then_some(Reject::TooFar { distance_mm, limit_mm: FARTHEST_MM })
 }
 
-/// Between two distances that are tried.
-const DISTANCE_FACTOR: f64 = 1.03;
+/// From one distance that is listed to the next. More lists fewer, and the nearest and farthest are known less exactly.
+const LISTED_STEP: f64 = 1.03;
 
 /// One distance from which a face can be measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -62,7 +62,7 @@ pub fn working_ranges(calibration: &Calibration, length_mm: f64, width_mm: f64) 
         {
             found.push(WorkingRange { distance_mm, length, width });
         }
-        distance_mm *= DISTANCE_FACTOR;
+        distance_mm *= LISTED_STEP;
     }
     found
 }
