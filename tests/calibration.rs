@@ -8,6 +8,7 @@ use boxline_calib::{
     solve_camera,
 };
 use boxline_proto::json::{read_board, read_calibration, read_recording};
+use boxline_tests::shared;
 use std::path::{Path, PathBuf};
 
 fn root() -> PathBuf {
@@ -79,11 +80,7 @@ fn eight_recorded_frames_give_the_head_that_made_them() {
 
 #[test]
 fn the_whole_set_gives_the_head_that_made_it() {
-    let folder = root().join("../shared/recordings/calibration_set");
-    if !folder.join("recording.json").is_file() {
-        println!("SKIPPED: {} is not there", folder.display());
-        return;
-    }
+    let Some(folder) = shared("recordings/calibration_set") else { return };
     let solution = calibrate(&folder, &board(&folder)).unwrap();
     assert_eq!(solution.frames.len(), 28);
     check(&solution);
@@ -103,11 +100,7 @@ fn a_board_file_with_another_pitch_is_refused() {
 #[test]
 #[ignore = "for reading: cargo test --release -p boxline-tests --test calibration -- --ignored --nocapture"]
 fn how_subsets_scatter_in_their_own_sigmas() {
-    let folder = root().join("../shared/recordings/calibration_set");
-    if !folder.join("recording.json").is_file() {
-        println!("SKIPPED: {} is not there", folder.display());
-        return;
-    }
+    let Some(folder) = shared("recordings/calibration_set") else { return };
     let board = board(&folder);
     let recording = read_recording(&folder).unwrap();
     let load = |i: usize| Frame::from_jpeg(&std::fs::read(&recording.frames[i].file).unwrap()).unwrap();
@@ -157,11 +150,7 @@ fn how_subsets_scatter_in_their_own_sigmas() {
 #[test]
 #[ignore = "for reading: cargo test --release -p boxline-tests --test calibration -- --ignored --nocapture"]
 fn how_long_finding_the_board_takes() {
-    let folder = root().join("../shared/recordings/calibration_set");
-    if !folder.join("recording.json").is_file() {
-        println!("SKIPPED: {} is not there", folder.display());
-        return;
-    }
+    let Some(folder) = shared("recordings/calibration_set") else { return };
     // Linux: nanoseconds that this thread has run.
     let ran_ms = || {
         let stat = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap();

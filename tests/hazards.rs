@@ -8,19 +8,9 @@ use boxline::{
 };
 use boxline_edgenet::{EdgeNet, Options};
 use boxline_proto::json::{Laser, Role, is_wrong_box};
-use boxline_tests::Recorded;
+use boxline_tests::{Recorded, shared};
 use std::num::NonZeroUsize;
-use std::path::{Path, PathBuf};
-
-/// A folder of recordings beside this repository.
-fn shared(name: &str) -> Option<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared").join(name);
-    if !folder.is_dir() {
-        println!("SKIPPED: {} is not there", folder.display());
-        return None;
-    }
-    Some(folder)
-}
+use std::path::PathBuf;
 
 /// The default way, on one thread: tests run side by side.
 fn network() -> EdgeNet {

@@ -11,6 +11,7 @@ pub use rendered::Rendered;
 use boxline::{Calibration, Frame, Network, Settings, Workers};
 use boxline_edgenet::{EdgeNet, Options};
 use boxline_proto::json::{Recording, Truth, read_calibration, read_recording, read_truth};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
@@ -75,6 +76,19 @@ impl Recorded {
     pub fn frame(&self, id: &str) -> Frame {
         Frame::from_jpeg(&self.jpeg(id)).unwrap_or_else(|e| panic!("{} {id}: {e}", self.folder.display()))
     }
+}
+
+/// A folder or file beside this repository; where it is missing, says that the test was skipped.
+#[must_use]
+pub fn shared(name: &str) -> Option<PathBuf> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared").join(name);
+    if path.exists() {
+        return Some(path);
+    }
+    let mut stdout = std::io::stdout(); // what `println!` writes is hidden if the test passes
+    writeln!(stdout, "SKIPPED: {} is not there", path.display())
+        .unwrap_or_else(|e| panic!("standard output: {e}"));
+    None
 }
 
 /// A thread for each frame of a box.
