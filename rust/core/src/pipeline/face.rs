@@ -344,7 +344,7 @@ fn measure_outlines(
         }
         free = hidden.chance_that_free();
         let (outline, maps) = (&best.outline, &network.maps);
-        cut = Some(CutSides::of(&cut::Seen { calibration, wide, outline, odds, maps, lit: &lit }));
+        cut = Some(CutSides::of(&cut::CutClues { calibration, wide, outline, odds, maps, lit: &lit }));
     }
     let whole = cut.as_ref().map_or([1.0; 2], CutSides::chance_that_whole);
     let pair = |pair: Pair, whole: f64| Pair { probability: free * whole * pair.probability, ..pair };

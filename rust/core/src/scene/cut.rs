@@ -19,8 +19,8 @@ use crate::view::SideOdds;
 struct CutWeights {
     /// More refuses more faces that are whole, less measures more that are cut.
     constant: f64,
-    /// Of the logarithm of the probability that the network of sides gives the side to be outside the picture, and the least one that is
-    /// believed, which bounds what the network can say against it: more bounds it closer.
+    /// Weight of ln(p + `least_not_in_view`); p is the probability that the side is outside the picture, by the network of sides. More lets a
+    /// small p decide against the other clues, and cut faces be measured.
     by_network: f64,
     least_not_in_view: f64,
     /// Of what the light says.
@@ -49,7 +49,7 @@ impl Default for CutWeights {
 }
 
 /// A face along an outline, and what tells whether it is whole. `wide` are the stripes followed as far as they go.
-pub(crate) struct Seen<'a> {
+pub(crate) struct CutClues<'a> {
     pub calibration: &'a Calibration,
     pub wide: &'a FaceStripes,
     pub outline: &'a InitialRectangle,
@@ -66,8 +66,8 @@ pub(crate) struct CutSides {
 }
 
 impl CutSides {
-    pub fn of(seen: &Seen<'_>) -> Self {
-        let sides = [0, 1, 2, 3].map(|side| seen.side(side));
+    pub fn of(clues: &CutClues<'_>) -> Self {
+        let sides = [0, 1, 2, 3].map(|side| clues.side(side));
         Self { probabilities: sides.map(|(probability, _)| probability), border: sides.map(|(_, at)| at) }
     }
 
@@ -85,7 +85,7 @@ impl CutSides {
     }
 }
 
-impl Seen<'_> {
+impl CutClues<'_> {
     /// Probability that a side is outside the picture, and where the picture ends beyond its middle.
     fn side(&self, side: usize) -> (f64, Option<Px>) {
         let Self { calibration, outline, .. } = *self;
