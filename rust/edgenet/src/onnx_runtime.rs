@@ -18,7 +18,7 @@ static STATE: Mutex<State> = Mutex::new(State::Untried);
 enum State {
     Untried,
     Loaded(PathBuf, Environment),
-    /// ort 2.0.0-rc.14 takes its library for loaded after an attempt that failed, so there must be no second one.
+    /// No second attempt: ort keeps a library that loaded and did not start, and gives it for any other that is named then.
     Failed(String),
 }
 

@@ -20,7 +20,7 @@ fn a_library_that_is_none_is_an_error_now_and_later_and_the_engine_inside_goes_o
         text.kind() == ErrorKind::NetworkRuntime && text.to_string().contains("bad_library.rs"),
         "{text}"
     );
-    // ort would now take uninitialised memory for the library.
+    // Refused before ort is asked: it keeps a library that loaded and did not start.
     for again in [this_file, "/lib/x86_64-linux-gnu/libm.so.6".into()] {
         let error = with(Runtime::OnnxRuntime(again)).unwrap_err();
         assert!(error.to_string().contains("not tried"), "{error}");
