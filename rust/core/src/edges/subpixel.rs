@@ -20,7 +20,7 @@ pub(crate) struct GradientDetector {
     enough_share: f64,
     /// Share of the side at each corner that is left out, where the other side's blur and rounding disturb. More leaves fewer points on short
     /// sides.
-    corner_share: f64,
+    pub corner_share: f64,
     /// An edge point lies within this distance of the straight line that most points share, px. More lets other lines in, less loses bowed sides.
     near_line_px: f64,
     /// That line may differ from the prediction by so much at either end, px ...

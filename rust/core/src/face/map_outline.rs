@@ -2,7 +2,7 @@
 //! the maps. Flush neighbours, print and clutter are told apart here; the exact place of each side comes from the frame.
 
 use super::extent::crossing_px;
-use super::outline::{Across, InitialRectangle, SIDES, outward_sign, span_mm};
+use super::outline::{Across, InitialRectangle, MOST_TURN_RAD, SIDES, outward_sign, span_mm};
 use super::raster::{OnPlane, PlaneRaster};
 use crate::calibration::Calibration;
 use crate::frames::{Cam, Plane};
@@ -17,8 +17,8 @@ pub(crate) struct MapOutline {
     pub overlap: f32,
 }
 
-/// Largest angle between a stripe and the box's edge, as for the stripes' ends: the head is rolled by eye.
-const MAX_ANGLE_DEG: i32 = 32;
+/// Largest angle between a stripe and the box's edge, as for the stripes' ends, in whole degrees.
+const MAX_ANGLE_DEG: i32 = MOST_TURN_RAD.to_degrees() as i32;
 
 /// How lines are found in the maps and rectangles of them judged. Where a field gives no reason for its value, none is on record.
 #[derive(Clone, Copy, Debug)]

@@ -3,6 +3,7 @@
 
 use super::edge_map::{EdgePixel, edge_pixels, edge_pixels_of_map};
 use crate::calibration::Calibration;
+use crate::edges::subpixel::GradientDetector;
 use crate::edges::{EdgeDetector, EdgePoint};
 use crate::face::outline::{InitialRectangle, SIDES};
 use crate::face::plane_fit::{PxView, residual_px};
@@ -256,6 +257,7 @@ impl HoughSettings {
         keep_out: &[(Px, f64)],
         coarseness: f64,
     ) -> Option<Vec<EdgePoint>> {
+        let corner = GradientDetector::DEFAULT.corner_share;
         let mut chosen = Vec::new();
         for near in self.on_line_px.map(|near| near * coarseness) {
             chosen.clear();
@@ -264,7 +266,9 @@ impl HoughSettings {
                 let (du, dv) = (p.at.u - first.u, p.at.v - first.v);
                 let t = (du * direction.0 + dv * direction.1) / length;
                 let d = -du * direction.1 + dv * direction.0;
-                if !(0.025..0.975).contains(&t) || (d - offset.0 - (offset.1 - offset.0) * t).abs() > near {
+                if !(corner..1.0 - corner).contains(&t)
+                    || (d - offset.0 - (offset.1 - offset.0) * t).abs() > near
+                {
                     continue;
                 }
                 let across_edge = (-f64::from(p.normal_rad.cos()) * direction.1
