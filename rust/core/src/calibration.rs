@@ -202,7 +202,7 @@ impl Calibration {
         let mut turned = self.clone();
         let p = self.laser(id).per_mm;
         let normal = p.normalize();
-        let exit = Vector3::new(if p.x.abs() > 1e-9 { 1.0 / p.x } else { 0.0 }, 0.0, 0.0);
+        let exit = laser_exit(self.laser(id));
         // The middle of the fan: forward, within the plane.
         let forward = (Vector3::z() - normal * normal.z).normalize();
         let moved = (normal + forward * angle_rad.tan()).normalize();
@@ -215,6 +215,12 @@ impl Calibration {
     pub const fn laser(&self, id: LaserId) -> &Plane<Cam> {
         &self.lasers[id.index()]
     }
+}
+
+/// Where a laser's plane meets the camera's x axis, mm; the origin if the two are parallel.
+pub(crate) fn laser_exit(plane: &Plane<Cam>) -> Vector3<f64> {
+    let x = plane.per_mm.x;
+    Vector3::new(if x.abs() > 1e-9 { 1.0 / x } else { 0.0 }, 0.0, 0.0)
 }
 
 /// The least eigenvalue of a covariance in units of its own sigmas: focal lengths and planes differ by 10^9 in theirs. What is known

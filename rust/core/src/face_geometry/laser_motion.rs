@@ -1,7 +1,7 @@
 //! What a laser may do between calibrations: turn by two angles about its exit and be shifted, three numbers for the
 //! three of its plane. In these, not in 1/mm, priors and results make sense.
 
-use crate::calibration::Calibration;
+use crate::calibration::{Calibration, laser_exit};
 use crate::frames::{Cam, Plane};
 use crate::units::LaserId;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
@@ -17,11 +17,10 @@ pub type MotionMatrix = SMatrix<f64, 12, 12>;
 /// normal towards `f` (the stripe moves across itself), twist turns it about `f` (the stripe turns in the picture), shift
 /// moves the exit along the normal.
 pub fn plane_by_motion(plane: &Plane<Cam>) -> Option<Matrix3<f64>> {
-    let p = plane.per_mm;
     let (normal, distance_mm) = plane.normal_and_distance_mm();
     let forward = (Vector3::z() - normal * normal.z).try_normalize(1e-9)?;
     let aside = normal.cross(&forward);
-    let exit = Vector3::new(if p.x.abs() > 1e-9 { 1.0 / p.x } else { 0.0 }, 0.0, 0.0);
+    let exit = laser_exit(plane);
     // p = m / (m . exit + shift): turned, the plane still holds its exit.
     let turned = |by: Vector3<f64>| by / distance_mm - normal * (by.dot(&exit) / distance_mm.powi(2));
     Some(Matrix3::from_columns(&[turned(forward), turned(aside), -normal / distance_mm.powi(2)]))

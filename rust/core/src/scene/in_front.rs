@@ -180,7 +180,7 @@ impl<'a> Strip<'a> {
         let (normal, distance_mm) = raster.plane.normal_and_distance_mm();
         let nearer = StripeLine::new(calibration, id, &Plane::new(normal / (0.95 * distance_mm)));
         let nearer = nearer.place_at(calibration, first, scan.across(start))?;
-        let factor = on_face.factor.clamp(0.3, 1.0);
+        let factor = on_face.bounded_factor().min(1.0);
         let [middle, beside] = [settings.middle, settings.beside]
             .map(|width| width.bounded(width.share * half_width_px / factor).round() as i32);
         let mut guess = scan.across(on_face.px);

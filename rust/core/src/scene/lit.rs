@@ -241,7 +241,7 @@ impl LitLine {
         let middle_row = (0.5 * (inner.start + inner.end)).round().clamp(0.0, rows as f64 - 1.0);
         let start = line.place_at(calibration, middle_row, scan.across(crossing))?;
         let mut found = vec![Row::default(); rows];
-        let spacing = 1.0 / start.factor.max(0.3);
+        let spacing = 1.0 / start.bounded_factor();
         let widths = [settings.middle, settings.beside]
             .map(|width| width.bounded(width.share * half_width_px * spacing).round() as i32);
         for outwards in [-1i32, 1] {

@@ -139,7 +139,7 @@ pub(crate) fn find_centres_again(
     let Some(begin) = line.place_at(calibration, first as f64, line.scan.across(start)) else {
         return Vec::new();
     };
-    let half = ((2.0 * settings.half_width_px + settings.search_px) / begin.factor.max(0.3)).ceil() as usize;
+    let half = ((2.0 * settings.half_width_px + settings.search_px) / begin.bounded_factor()).ceil() as usize;
     let mut profile = vec![0f32; 2 * half + 1];
     let mut sums = vec![0u16; 3 * profile.len()];
     let mut begins = Vec::new();
@@ -293,7 +293,7 @@ pub(crate) fn measure_half_width_px(
             let Some(place) = line.place_at(calibration, row as f64, other) else { break };
             let here = line.scan.across(place.px);
             other = here + ROW_STEP as f64 * place.slope;
-            let spacing = 1.0 / place.factor.max(0.3);
+            let spacing = 1.0 / place.bounded_factor();
             let reach = PROFILE_PX as f64 * spacing;
             if here > reach && here + reach + 1.0 < across_size as f64 {
                 for (k, s) in colours.iter_mut().enumerate() {

@@ -143,7 +143,7 @@ fn crossings(
         let Some(place) = line.place_at(calibration, row as f64, other) else { break };
         let here = line.scan.across(place.px);
         other = here + settings.row_step as f64 * place.slope;
-        let spacing = 1.0 / place.factor.max(0.3);
+        let spacing = 1.0 / place.bounded_factor();
         let mean = |offsets: &RangeInclusive<i32>| -> Option<Vector3<f64>> {
             let mut sum = [0u32; 3];
             let count = f64::from(offsets.end() - offsets.start() + 1);

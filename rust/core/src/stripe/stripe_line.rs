@@ -87,6 +87,10 @@ impl StripeLine {
     }
 }
 
+/// Least factor by which widths across a stripe are divided, so that profiles stay short on any head. A line is walked along its steeper axis:
+/// with square pixels and no distortion the factor is 0.7 or more, so the bound itself (there is no record of how it was chosen) hardly counts.
+const LEAST_FACTOR: f64 = 0.3;
+
 /// A place on a stripe's line.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct OnLine {
@@ -95,4 +99,11 @@ pub(crate) struct OnLine {
     pub factor: f64,
     /// d(across)/d(along).
     pub slope: f64,
+}
+
+impl OnLine {
+    /// The factor, large enough to divide by.
+    pub fn bounded_factor(&self) -> f64 {
+        self.factor.max(LEAST_FACTOR)
+    }
 }
