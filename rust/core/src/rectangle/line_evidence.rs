@@ -141,7 +141,13 @@ impl EvidenceWeights {
     };
 }
 
-/// Which lines of the picture are looked at, and how.
+impl Default for EvidenceWeights {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
+
+/// Which lines of the picture are looked at, and how. Where no reason stands, there is no record of how a value was chosen.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LineSettings {
     pub weights: EvidenceWeights,
@@ -207,6 +213,12 @@ impl LineSettings {
 /// All that can speak for a line.
 pub(crate) struct Evidence<'a> {
     pub frame: &'a Frame,
+impl Default for LineSettings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
+
     pub calibration: &'a Calibration,
     /// The outline's raster on the plane of the stripes.
     pub raster: &'a PlaneRaster,

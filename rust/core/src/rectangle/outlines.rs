@@ -76,6 +76,12 @@ impl OutlineSettings {
 /// Lines of a side that are the same.
 #[derive(Clone, Copy, Debug)]
 struct Choice {
+impl Default for OutlineSettings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
+
     offset_mm: f64,
     probability: f64,
 }

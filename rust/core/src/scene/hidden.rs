@@ -40,6 +40,12 @@ impl HiddenSettings {
     };
 }
 
+impl Default for HiddenSettings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
+
 /// What may hide a piece of the sides of an outline, in the order of [`SIDES`].
 pub(crate) struct HiddenSides {
     probabilities: [f64; 4],
