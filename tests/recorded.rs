@@ -204,11 +204,8 @@ fn recorded_frames_in_worse_light_are_right_or_refused() {
         let recorded = Recorded::read(name);
         for truth in &recorded.truth.faces {
             let frame = recorded.frame(&truth.frame);
-            let mut state = 1u32;
-            let mut uniform = || {
-                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                f64::from(state >> 8) / f64::from(1u32 << 24) - 0.5
-            };
+            let mut random = fastrand::Rng::with_seed(1);
+            let mut uniform = || random.f64() - 0.5;
             let dim = frame.rgb().iter().map(|x| x / 2).collect();
             // Three uniform numbers have a variance of 1/4.
             let mut noisy = |x: u8| f64::from(x) + 20.0 * (uniform() + uniform() + uniform());
@@ -269,13 +266,12 @@ fn recorded_jpegs_that_are_torn_or_flipped_are_errors_or_pictures() {
         let error = Frame::from_jpeg(torn).unwrap_err();
         assert_eq!(error.kind(), ErrorKind::InvalidFrame, "{share}: {error}");
     }
-    let mut state = 1u32;
+    let mut random = fastrand::Rng::with_seed(1);
     for _ in 0..60 {
         let mut flipped = jpeg.clone();
-        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         // Half of the flips hit the headers, where they do most harm.
-        let range = if state & 0x100 == 0 { 700 } else { jpeg.len() };
-        flipped[state as usize % range] ^= 1 << (state >> 29);
+        let range = if random.bool() { 700 } else { jpeg.len() };
+        flipped[random.usize(..range)] ^= 1 << random.u8(..8);
         if let Err(e) = Frame::from_jpeg(&flipped) {
             assert_eq!(e.kind(), ErrorKind::InvalidFrame);
         }

@@ -62,13 +62,8 @@ fn check(frame: &Frame, calibration: &Calibration) -> Result<(), TestCaseError> 
 }
 
 fn noise(width: usize, height: usize, seed: u32) -> Vec<u8> {
-    let mut state = seed;
-    (0..width * height * 3)
-        .map(|_| {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            (state >> 24) as u8
-        })
-        .collect()
+    let mut random = fastrand::Rng::with_seed(seed.into());
+    (0..width * height * 3).map(|_| random.u8(..)).collect()
 }
 
 /// Paints what the four lasers light on a plane, without end: a wall.

@@ -99,13 +99,8 @@ pub(crate) fn finds_nothing_in_the_dark(detector: &dyn EdgeDetector) {
 
 /// A frame of noise, of any size.
 pub(crate) fn noise_frame(width: usize, height: usize, seed: u32) -> Frame {
-    let mut state = seed;
-    let rgb = (0..width * height * 3)
-        .map(|_| {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            (state >> 24) as u8
-        })
-        .collect();
+    let mut random = fastrand::Rng::with_seed(seed.into());
+    let rgb = (0..width * height * 3).map(|_| random.u8(..)).collect();
     Frame::from_rgb(width, height, rgb).expect("the size fits")
 }
 

@@ -123,13 +123,8 @@ mod tests {
         fn it_is_the_interpolated_tone(
             seed: u32, u in -20.0..60.0f64, v in -20.0..50.0f64, du in -1.5..1.5f64, dv in -1.5..1.5f64
         ) {
-            let mut state = seed;
-            let rgb = (0..40 * 30 * 3)
-                .map(|_| {
-                    state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                    (state >> 24) as u8
-                })
-                .collect();
+            let mut random = fastrand::Rng::with_seed(seed.into());
+            let rgb = (0..40 * 30 * 3).map(|_| random.u8(..)).collect();
             let frame = Frame::from_rgb(40, 30, rgb).expect("the size fits");
             let mut tones = LineTones::new(40);
             tones.add(&frame, 3..37, Px::new(u, v), [du, dv]);

@@ -196,11 +196,8 @@ mod tests {
         let plane = Plane::new(Vector3::new(0.0, 0.0, 1e-3));
         let line = StripeLine::new(&calibration, LaserId::ALL[2], &plane);
         assert_eq!(line.scan, ScanDirection::Rows);
-        let mut state = 1u32;
-        let mut noise = || {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            f64::from(state >> 16) / 65536.0 - 0.5
-        };
+        let mut random = fastrand::Rng::with_seed(1);
+        let mut noise = || random.f64() - 0.5;
         let mut rgb = Vec::new();
         for y in 0..480 {
             let middle = line.px_at(&calibration, f64::from(y), 320.0).expect("on the line").0.u;
