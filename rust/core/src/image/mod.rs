@@ -3,10 +3,12 @@
 pub(crate) mod bands;
 mod jpeg;
 pub mod laser_response;
+mod size;
 pub mod small;
 mod twin;
 
 use crate::error::{Error, ErrorKind};
+use size::check_size;
 
 /// A decoded frame: 8-bit RGB, rows top to bottom, on the raw sensor raster.
 #[derive(Clone, PartialEq, Eq)]
@@ -31,28 +33,6 @@ pub(crate) const LANES: u64 = 0x00ff_00ff_00ff_00ff;
 #[inline]
 pub(crate) fn word(bytes: &[u8]) -> Option<u64> {
     bytes.first_chunk().map(|bytes| u64::from_le_bytes(*bytes))
-}
-
-/// Longest side; the sensor has 2592 x 1944.
-const MAX_SIDE_PX: usize = 16_384;
-/// Most pixels: 100 MB of RGB, six times what the sensor has.
-const MAX_PX: usize = 1 << 25;
-
-/// Refuses what is too large, before memory is taken for it.
-fn check_size(width_px: usize, height_px: usize) -> Result<(), Error> {
-    let invalid = |what: String| Error::new(ErrorKind::InvalidFrame, what);
-    if width_px == 0 || height_px == 0 || width_px > MAX_SIDE_PX || height_px > MAX_SIDE_PX {
-        return Err(invalid(format!(
-            "the frame is {width_px} x {height_px} px, 1 to {MAX_SIDE_PX} px each are allowed"
-        )));
-    }
-    if width_px * height_px > MAX_PX {
-        return Err(invalid(format!(
-            "the frame is {width_px} x {height_px} px, {} in all, {MAX_PX} are allowed",
-            width_px * height_px
-        )));
-    }
-    Ok(())
 }
 
 impl Frame {

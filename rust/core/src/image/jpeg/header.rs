@@ -2,7 +2,7 @@
 
 use super::huffman::{Codes, Sizes, Steps, standard};
 use super::{Error, invalid};
-use crate::image::check_size;
+use crate::image::size::check_size;
 
 /// One of one or three colours.
 pub(super) struct Component {

@@ -8,7 +8,7 @@ mod huffman;
 mod scan;
 mod seam;
 
-use super::MAX_SIDE_PX;
+use super::size::MAX_SIDE_PX;
 use crate::error::Error;
 use error::invalid;
 use std::borrow::Cow;
