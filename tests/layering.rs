@@ -1,5 +1,6 @@
-//! Who may use whom. Inside `rust/core` a module may use only modules that stand before it in [`MODULES`], and files of one folder do not use
-//! each other in a circle; a crate may depend only on crates of a level below its own in [`CRATES`]. An edge upwards fails here, not in review.
+//! Who may use whom. Inside `rust/core` a module may use only modules that stand before it in [`MODULES`]; there and in `rust/jni` files of one
+//! folder do not use each other in a circle; a crate may depend only on crates of a level below its own in [`CRATES`]. An edge upwards fails
+//! here, not in review.
 #![allow(clippy::unwrap_used)] // the helpers of tests are tests
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -91,61 +92,96 @@ fn modules_of_core_use_only_modules_below() {
     assert!(wrong.is_empty(), "\n{}", wrong.join("\n"));
 }
 
-/// Two files of one folder that use each other cannot be read one after the other. A folder's `mod.rs` is one of its files; what it only
-/// lifts from another of them counts as used there.
+/// Sources whose files are asked for circles. The other crates have some, mostly of a `mod.rs` and files that use its types; calib, edgenet,
+/// sim and uvc also of two other files (adjust and lens, engine and forward, board and recording, head and store).
+const SOURCES: [&str; 2] = ["rust/core/src", "rust/jni/src"];
+
+/// A file, or a folder with all files in it: their code, and how many `super::` lead from each to the folder that it is a part of.
+type Part = Vec<(usize, String)>;
+
+/// Two files of one folder that use each other cannot be read one after the other. A folder within it counts as one file, `mod.rs` (`lib.rs`,
+/// `main.rs`) as one of its files; what it only lifts from another of them counts as used there.
 #[test]
-fn files_of_a_folder_of_core_use_each_other_in_one_direction() {
-    let source = root().join("rust/core/src");
-    let mut folders: BTreeMap<PathBuf, BTreeMap<String, String>> = BTreeMap::new();
-    for (path, text) in rust_files(&source) {
-        let inside = path.strip_prefix(&source).unwrap();
-        let (folder, stem) = (inside.parent().unwrap(), inside.file_stem().unwrap().to_str().unwrap());
-        let for_tests =
-            stem == "tests" || text.starts_with("#![cfg(test)]") || is_test_module(&source, inside);
-        if folder.components().next().is_some() && !for_tests {
-            folders.entry(folder.to_owned()).or_default().insert(stem.to_owned(), code(&text));
-        }
-    }
+fn files_of_a_folder_use_each_other_in_one_direction() {
     let mut wrong = Vec::new();
-    for (folder, files) in folders {
-        let uses = uses_in_folder(&folder, &files);
-        let circles = files.keys().filter(|file| reachable(&uses, file).contains(file.as_str()));
-        let circle: Vec<&str> = circles.map(String::as_str).collect();
-        if !circle.is_empty() {
-            wrong.push(format!("{}: {} use each other in a circle", folder.display(), circle.join(", ")));
+    for source in SOURCES {
+        let mut folders: BTreeMap<PathBuf, BTreeMap<String, Part>> = BTreeMap::new();
+        for (path, text) in rust_files(&root().join(source)) {
+            let inside = path.strip_prefix(root().join(source)).unwrap();
+            if text.starts_with("#![cfg(test)]") || is_for_tests(&path) {
+                continue;
+            }
+            let code = code(&text);
+            // The file is a part of its own folder, and its folder one of those above.
+            for (up, folder) in inside.ancestors().skip(1).enumerate() {
+                let part = inside.strip_prefix(folder).unwrap().components().next().unwrap();
+                let name = Path::new(part.as_os_str()).file_stem().unwrap().to_str().unwrap();
+                let is_root = ROOTS.iter().any(|root| inside.ends_with(root));
+                let name = if up == 0 && is_root { "mod" } else { name };
+                let supers = up + usize::from(!is_root);
+                let parts = folders.entry(folder.to_owned()).or_default();
+                parts.entry(name.to_owned()).or_default().push((supers, code.clone()));
+            }
+        }
+        // The order of core's modules is that of `MODULES`.
+        if source == "rust/core/src" {
+            folders.remove(Path::new(""));
+        }
+        for (folder, parts) in folders {
+            let uses = uses_in_folder(&folder, &parts);
+            let circles = parts.keys().filter(|part| reachable(&uses, part).contains(part.as_str()));
+            let circle: Vec<&str> = circles.map(String::as_str).collect();
+            if !circle.is_empty() {
+                let folder = Path::new(source).join(folder);
+                wrong.push(format!("{}: {} use each other in a circle", folder.display(), circle.join(", ")));
+            }
         }
     }
     assert!(wrong.is_empty(), "\n{}", wrong.join("\n"));
 }
 
+/// The files that say which modules a folder has.
+const ROOTS: [&str; 3] = ["mod.rs", "lib.rs", "main.rs"];
+
 /// Whether a file is a module that its folder has for tests only.
-fn is_test_module(source: &Path, inside: &Path) -> bool {
-    let stem = inside.file_stem().unwrap().to_str().unwrap();
-    let parent = std::fs::read_to_string(source.join(inside).with_file_name("mod.rs")).unwrap_or_default();
-    ["", "pub(crate) "].iter().any(|public| parent.contains(&format!("#[cfg(test)]\n{public}mod {stem};")))
+fn is_for_tests(path: &Path) -> bool {
+    let stem = path.file_stem().unwrap().to_str().unwrap();
+    let declared = ROOTS.iter().any(|root| {
+        let parent = std::fs::read_to_string(path.with_file_name(root)).unwrap_or_default();
+        ["", "pub(crate) "]
+            .iter()
+            .any(|public| parent.contains(&format!("#[cfg(test)]\n{public}mod {stem};")))
+    });
+    stem == "tests" || declared
 }
 
-/// Which files of a folder each of them uses.
-fn uses_in_folder(folder: &Path, files: &BTreeMap<String, String>) -> BTreeMap<String, BTreeSet<String>> {
-    let path = folder.components().map(|c| c.as_os_str().to_str().unwrap()).collect::<Vec<_>>().join("::");
-    let lifted = files.get("mod").map(|code| imports(code)).unwrap_or_default();
+/// Which parts of a folder each of them uses.
+fn uses_in_folder(folder: &Path, parts: &BTreeMap<String, Part>) -> BTreeMap<String, BTreeSet<String>> {
+    let from_root: String =
+        folder.components().map(|c| format!("{}::", c.as_os_str().to_str().unwrap())).collect();
+    let own = parts.get("mod").map_or("", |files| &files[0].1);
+    let lifted = imports(own);
     let mut uses: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
-    for (file, code) in files {
-        let mut names = names_after(code, &format!("crate::{path}::"));
-        if file == "mod" {
-            names.extend(files.keys().filter(|other| mentions(code, other)).cloned());
-        } else {
-            names.extend(names_after(code, "super::"));
+    for (part, files) in parts {
+        let mut names = Vec::new();
+        for (supers, code) in files {
+            names.extend(names_after(code, &format!("crate::{from_root}")));
+            if *supers > 0 {
+                names.extend(names_after(code, &"super::".repeat(*supers)));
+            }
+        }
+        if part == "mod" {
+            names.extend(parts.keys().filter(|other| mentions(own, other)).cloned());
         }
         let found =
-            names.into_iter().filter_map(|name| match (files.contains_key(&name), lifted.get(&name)) {
+            names.into_iter().filter_map(|name| match (parts.contains_key(&name), lifted.get(&name)) {
                 _ if name == "super" => None,
                 (true, _) => Some(name),
-                // From another file of the folder, or from outside.
-                (false, Some(from)) => files.contains_key(from).then(|| from.clone()),
-                (false, None) => files.contains_key("mod").then(|| "mod".to_owned()),
+                // From another part of the folder, or from outside.
+                (false, Some(from)) => parts.contains_key(from).then(|| from.clone()),
+                (false, None) => parts.contains_key("mod").then(|| "mod".to_owned()),
             });
-        uses.insert(file.clone(), found.filter(|used| used != file).collect());
+        uses.insert(part.clone(), found.filter(|used| used != part).collect());
     }
     uses
 }
@@ -223,7 +259,7 @@ fn depth(inside: &Path) -> usize {
 
 /// The code without comments and without the unit tests, which stand at a file's end and may look from above.
 fn code(text: &str) -> String {
-    let text = text.split("#[cfg(test)]\nmod ").next().unwrap();
+    let text = text.split("#[cfg(test)]\nmod tests {").next().unwrap();
     text.lines().map(|line| line.split("//").next().unwrap()).collect::<Vec<_>>().join("\n")
 }
 
@@ -307,7 +343,8 @@ fn the_reader_finds_every_way_to_name_a_module() {
 fn a_circle_in_a_folder_is_seen_and_a_lifted_name_is_none() {
     let uses = |mod_rs: &str, a: &str, b: &str| {
         let files = [("mod", mod_rs), ("a", a), ("b", b)];
-        let files = files.map(|(name, code)| (name.to_owned(), code.to_owned())).into();
+        let part = |name: &str, code: &str| vec![(usize::from(name != "mod"), code.to_owned())];
+        let files = files.map(|(name, code)| (name.to_owned(), part(name, code))).into();
         uses_in_folder(Path::new("x/y"), &files)
     };
     let circle = uses("mod a;\nmod b;", "use super::b::{F, G};", "fn f() { crate::x::y::a::g() }");
