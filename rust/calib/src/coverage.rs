@@ -6,11 +6,14 @@ use boxline::units::Px;
 
 /// A corner of the picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(missing_docs)] // the names say it
 pub enum Corner {
+    /// At pixel (0, 0).
     TopLeft,
+    /// At the last column of the first row.
     TopRight,
+    /// At the first column of the last row.
     BottomLeft,
+    /// At the last column of the last row.
     BottomRight,
 }
 

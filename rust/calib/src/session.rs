@@ -32,11 +32,14 @@ const FOCAL_RANGE: std::ops::Range<f64> = 0.3..3.0;
 
 /// A side of the picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(missing_docs)] // the names say it
 pub enum Side {
+    /// The last columns.
     Right,
+    /// The last rows.
     Bottom,
+    /// The first columns.
     Left,
+    /// The first rows.
     Top,
 }
 
