@@ -10,6 +10,7 @@ use image::imageops::{FilterType, fast_blur, interpolate_bilinear, resize};
 use image::{Rgb, RgbImage};
 use program::{boxline, data, json_of, stderr, stdout, text};
 use serde_json::{Value, json};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Output;
 use std::sync::OnceLock;
@@ -729,4 +730,26 @@ fn a_camera_goes_to_opencv_and_back() {
     assert_eq!(output.status.code(), Some(2));
     assert!(stderr(&output).contains("skew"), "{}", stderr(&output));
     assert!(!back.exists());
+}
+
+#[test]
+fn a_lens_of_opencvs_that_is_none_of_ours_is_refused_by_what_would_be_left() {
+    let camera = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../../../shared/cases/calibration/opencv_tangential.json");
+    if !camera.is_file() {
+        let mut stdout = std::io::stdout(); // what `println!` writes is hidden if the test passes
+        writeln!(stdout, "SKIPPED large tangential terms: {} is not there", camera.display()).unwrap();
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let new = folder.path().join("new.json");
+    let calibration = data("calibration_set/calibration.json");
+    let from = ["--from", "opencv", "--camera", text(&camera), "-o", text(&new), "--json"];
+    let output = boxline(&[&["convert", text(&calibration)], &from[..]].concat());
+    assert_eq!(output.status.code(), Some(2), "{}", stdout(&output));
+    assert_eq!(json_of(&output)["error"]["kind"], "invalid_calibration", "{}", stdout(&output));
+    for word in ["opencv_tangential.json", "px rms and", "at most 1 px is allowed"] {
+        assert!(stderr(&output).contains(word), "{}", stderr(&output));
+    }
+    assert!(!new.exists());
 }
