@@ -34,9 +34,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let (normal, distance_mm) = laser.normal_and_distance_mm();
         println!("laser {number}: {distance_mm:.3} mm from the camera, normal {:.5?}", normal.as_slice());
     }
-    println!(
-        "circles to {:.3?} px rms, stripes to {:.3?} px",
-        solution.centre_rms_px, solution.stripe_rms_px
-    );
+    let (circles, stripes) = (solution.centre_rms_px, solution.stripe_rms_px);
+    println!("circles to {circles:.3?} px rms, stripes to {stripes:.3?} px");
     Ok(())
 }

@@ -33,9 +33,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             }
         }
         Outcome::Ambiguous([first, second]) => println!("one of two boxes: {first:?}, {second:?}"),
-        Outcome::Rejected(reason) => {
-            println!("not measured: {reason}; how to move, by frame: {:?}", report.hints)
-        }
+        Outcome::Rejected(reason) => println!("not measured: {reason}; how to move: {:?}", report.hints),
     }
     Ok(())
 }
