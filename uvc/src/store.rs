@@ -140,7 +140,7 @@ pub fn info(controls: &impl Controls) -> Result<StoreInfo, Error> {
     StoreInfo::decode(&value(controls, Control::StoreInfo)?)
 }
 
-/// Reads the stored bytes. `progress` is told pages done and pages in all.
+/// Reads the stored bytes. After each page `progress` is called with the number of pages that are read and of all pages.
 pub fn read(controls: &impl Controls, mut progress: impl FnMut(usize, usize)) -> Result<Vec<u8>, Error> {
     let info = info(controls)?;
     if info.length == 0 {

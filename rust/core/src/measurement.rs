@@ -66,7 +66,7 @@ pub struct Settings<'a> {
     pub least_confidence: f64,
     /// The four sides of a face need not stand at right angles; the corner angles are reported.
     pub free: bool,
-    /// Is told what each stage found.
+    /// Gets what each stage found, for pictures and logs; `None`: nobody looks.
     pub trace: Option<&'a dyn Trace>,
 }
 

@@ -243,7 +243,7 @@ pub const STRIP: [usize; 3] = [3, 64, 64];
 pub struct LineStrip {
     /// As [`STRIP`]. Columns run along the line, from a fifth of the side before its begin to a fifth beyond its end. Rows 0 to 44: red,
     /// green and blue (0 to 1) from 95 px inside the face to 95 px outside, a px apart near the line and wider farther off. Rows 45 to
-    /// 62, two for each of nine distances from 64 px inside to 64 px outside: face edge, other edge, face; corner, spill, laser. Row 63: the
+    /// 62, two for each of nine distances from 64 px inside to 64 px outside: face edge, other edge, face; corner, stray light, laser. Row 63: the
     /// logarithm of the line's odds by all else over 16, the edge's strength, its distance to the outline over 64 px.
     pub values: Vec<f32>,
     /// Which of the face's four sides it may be.

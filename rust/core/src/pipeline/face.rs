@@ -245,8 +245,8 @@ fn evidence<'a>(
     })
 }
 
-/// The strongest of the planes on which a face can be measured, however unsure it is: who tries until one is sure finds one that is wrong.
-/// Else why the strongest cannot, if there is one.
+/// The face on the first of the planes, strongest first, on which one can be measured, also if it is unsure: going on until a plane gives a sure
+/// face would end at a wrong plane. If none can be measured: the reason why the strongest cannot, if there is a plane.
 fn measure_on_planes(
     task: &Task,
     planes: &[GridHypothesis],
