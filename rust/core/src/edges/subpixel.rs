@@ -7,7 +7,7 @@ use crate::image::Frame;
 use crate::units::Px;
 use wide::f32x4;
 
-/// Gradient search along the normals of the predicted sides, with its settings.
+/// Gradient search along the normals of the predicted sides, with its settings. Where no reason stands, there is no record of how a value was chosen.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct GradientDetector {
     /// Distance of neighbouring profiles along the side, px, and how many of them make one edge point. More average more noise away and round
@@ -15,7 +15,7 @@ pub(crate) struct GradientDetector {
     spacing_px: f64,
     group: usize,
     /// Over how many neighbouring groups a point's profile is averaged; the first number that shows the edge on this share of the side is
-    /// taken. Faint edges need more, and their windows overlap.
+    /// taken. Faint edges need more, and their windows overlap. A larger share asks for more averaging, which rounds off what the side does.
     windows: [usize; 3],
     enough_share: f64,
     /// Share of the side at each corner that is left out, where the other side's blur and rounding disturb. More leaves fewer points on short
@@ -34,7 +34,8 @@ pub(crate) struct GradientDetector {
     /// in.
     min_step: f32,
     min_step_sigmas: f32,
-    /// How far a step's place in linear light may be from that in grey levels, px: the tone curve moves it by up to 1 px.
+    /// How far a step's place in linear light may be from that in grey levels, px: the tone curve moves it by up to 1 px. More takes another
+    /// step beside it.
     light_search_px: f64,
 }
 

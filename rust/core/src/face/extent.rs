@@ -63,30 +63,33 @@ impl FaceStripes {
     }
 }
 
-/// Settings of the way from a plane's hypothesis to the stripes on the face.
+/// Settings of the way from a plane's hypothesis to the stripes on the face. Where no reason stands, there is no record of how a value was chosen.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct FollowSettings {
     /// For stripes that some rows show.
     clear: ContrastSettings,
     /// For stripes that only sums over whole segments show.
     faint: ContrastSettings,
-    /// Fewest rows in one profile; 4 keep the ends sharp.
+    /// Fewest rows in one profile; 4 keep the ends sharp. More blurs them.
     fewest_rows: usize,
-    /// Half width of a stripe before it is measured, px: between the narrowest and the widest.
+    /// Half width of a stripe at its foot before it is measured, px: between the narrowest and the widest. More takes in what lies beside narrow
+    /// stripes, less cuts wide ones.
     first_half_width_px: f64,
     /// Peak over noise that one profile should reach: at 6 the centre scatters by about a pixel. More adds more rows, which blurs the ends.
     wanted_snr: f64,
     /// A peak this many sigmas from the prediction counts neither for nor against the plane; farther away it counts against. More takes what is
     /// beside the plane for the face, less loses bulged faces.
     on_plane_sigmas: f64,
-    /// The prediction's uncertainty grows with the distance from what was fitted, so the first steps are short and lenient.
+    /// The prediction's uncertainty grows with the distance from what was fitted, so the first steps are short and lenient. More passes take longer.
     passes: [Pass; 4],
     /// A peak lower than this share of the stripe's usual height is another surface (the floor behind the box): black print reflects at least 4 %
     /// where cardboard reflects 30 %. More loses dark print, less follows the stripe onto the floor.
     least_share: f64,
-    /// A peak higher than this many times the usual height is red print: a white label reflects 2 to 3 times what cardboard does.
+    /// A peak higher than this many times the usual height is red print: a white label reflects 2 to 3 times what cardboard does. More takes red
+    /// print for the stripe, less loses the stripe on labels.
     most_share: f64,
-    /// Residuals of four true stripes scatter by 0.6 to 1.2 of their sigmas; above this one is looked for that does not fit ...
+    /// Residuals of four true stripes scatter by 0.6 to 1.2 of their sigmas; above this one is looked for that does not fit ... More leaves in a
+    /// stripe that followed print.
     suspicious_scale: f64,
     /// ... and is left out if the others then scatter by less than this share of it. More leaves out true ones.
     outlier_gain: f64,
@@ -95,28 +98,29 @@ pub(crate) struct FollowSettings {
     absent: f64,
 }
 
-/// What differs with how well stripes are seen.
+/// What differs with how well stripes are seen. Where no reason stands, there is no record of how a value was chosen.
 #[derive(Clone, Copy, Debug)]
 struct ContrastSettings {
     /// Rows per profile to begin with, and at most: 64 still follow a line that a tilted face bends. Of a faint inner segment, which has some 300
-    /// rows, a plane needs a dozen centres.
+    /// rows, a plane needs a dozen centres. More shows fainter light and blurs the stripe's ends.
     rows: [usize; 2],
-    /// Farthest peak from the prediction in each round, px.
+    /// Farthest peak from the prediction in each round, px. More bears a worse start and finds more wrong peaks.
     search_px: [f64; 3],
-    /// Smallest peak over noise: what is not the stripe is left out by the plane's fit.
+    /// Smallest peak over noise: what is not the stripe is left out by the plane's fit. More loses faint light, less finds more wrong peaks.
     least_snr: f64,
-    /// Across how much of their half width profiles are averaged, which makes up for the rows.
+    /// Across how much of their half width profiles are averaged, which makes up for the rows. More shows fainter light and blurs clear stripes.
     smooth_share: f64,
 }
 
-/// One pass outwards along the stripes.
+/// One pass outwards along the stripes. Where no reason stands, there is no record of how a value was chosen.
 #[derive(Clone, Copy, Debug)]
 struct Pass {
-    /// Farthest peak from the prediction, px.
+    /// Farthest peak from the prediction, px. More finds more wrong peaks, less loses the stripe where the plane is known less well.
     search_px: f64,
-    /// How far beyond the inner segment, in its lengths.
+    /// How far beyond the inner segment, in its lengths. More goes to where the plane is not known well enough yet.
     reach: f64,
-    /// Uncertainty of the prediction, px; in the last passes texture and print, beyond noise and speckle.
+    /// Uncertainty of the prediction, px; in the last passes texture and print, beyond noise and speckle. More takes what is
+    /// beside the plane for the face.
     slack_px: f64,
 }
 

@@ -16,36 +16,40 @@ pub(super) const NO_LIGHT: u8 = 40;
 /// Unknowns of the registration: movement, gain and level.
 const UNKNOWNS: usize = 10;
 
-/// Settings of the registration and of the difference.
+/// Settings of the registration and of the difference. Where no reason stands, there is no record of how a value was chosen.
 #[derive(Clone, Copy, Debug)]
 struct TwinSettings {
-    /// Red from this grey level on is at its limit: green and blue tell there how much light there is ...
+    /// Red from this grey level on is at its limit: green tells there how much light there is ... More leaves out red that a JPEG made darker, less
+    /// asks green where red still tells.
     at_limit: u8,
-    /// ... of which green sees at most one part in so many of what red does. More makes stripes on white board stronger, and print too.
+    /// ... of which it sees at most one part in so many of what red does. More makes stripes on white board stronger, and print too.
     green_share: i16,
     /// Pixels of the frame in one of the finest picture that is registered, along each axis; two coarser ones have 2 and 4 times as many. More
     /// is quicker and less exact.
     finest: usize,
-    /// Steps in each picture, the coarsest first.
+    /// Steps in each picture, the coarsest first. More takes longer, fewer may end beside the best place.
     steps: [usize; 3],
     /// One column and row of so many is taken for a step, the coarsest picture first: 40,000 pixels of the finest.
+    /// More is quicker and less exact.
     every: [usize; 3],
     /// Standard deviation of the window around the picture's middle, in halves of its width. More lets the background take part, which moves
     /// otherwise; less has little texture.
     window: f64,
-    /// What has less weight in the window is left out.
+    /// What has less weight in the window is left out: beyond two of its standard deviations. More is quicker and shows less texture.
     least_weight: f64,
     /// A residual of so many of its scatters counts half: edges of what moves otherwise, stripes that green sees. More lets these pull.
     half_weight: f64,
-    /// Least scatter of a residual, share of full scale: a grey level.
+    /// Least scatter of a residual, share of full scale: a grey level. More lets what moves otherwise pull in pictures without noise.
     least_scatter: f64,
     /// How far each unknown may be from standing still, 1 sigma, with lengths in halves of the picture's width: about twice what the hand does in
     /// a fifteenth of a second (1.8 mrad, 1 mm) 0.4 m from a face. Holds what a plain face does not tell; more lets that wander.
     prior: [f64; UNKNOWNS],
-    /// Edge of the blocks in which the shift that is left is measured, px of the finest picture.
+    /// Edge of the blocks in which the shift that is left is measured, px of the finest picture. More averages over what moves otherwise, less
+    /// leaves few blocks with texture enough.
     block: usize,
-    /// A block whose own shift is better known than this, px of the finest picture, has texture enough; fewer blocks than so many tell nothing.
+    /// A block whose own shift is better known than this, px of the finest picture, has texture enough. More counts blocks whose shift is noise.
     known_px: f64,
+    /// Fewer blocks than so many tell nothing. More leaves plain pictures without this check.
     fewest_blocks: usize,
     /// Most that the middle one of the blocks may be shifted, px of the frame: half a narrow stripe's width (8 px). A print's edge that is
     /// doubled by less is narrower than a stripe, and of its own colour on both sides. More lets doubled print be taken for stripes.

@@ -95,7 +95,9 @@ impl Line {
     }
 }
 
-/// What each kind of evidence counts, in nats a unit. All are fitted by maximum likelihood: each side's right line against its other lines.
+/// What each kind of evidence counts, in nats a unit. Weights are fitted by maximum likelihood: each side's right line against its other lines. One
+/// that is larger than fitted lets its kind of evidence decide against the others. Of limits that name no reason there is no record of how they
+/// were chosen.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct EvidenceWeights {
     /// Of [`Clues`] beside networks, which the network of lines is told as well: 860 sides of 110 rendered boxes
@@ -104,7 +106,7 @@ pub(crate) struct EvidenceWeights {
     /// Of [`Clues`] where there is no network (two of them are a network's): 2,728 sides of the learning seeds (`training/weights_alone.py`).
     clues_alone: [f64; 11],
     /// Of the network of lines, of the network of sides, and of the stripes' light and steps, together: rendered boxes of the learning seeds
-    /// (`training/weights.py`). One that is larger than fitted lets its judge decide against the others.
+    /// (`training/weights.py`).
     line_network: f64,
     sides_network: f64,
     /// Light goes on beyond the line on one stripe. On both it says nothing: the networks tell a flush neighbour from print.
@@ -121,7 +123,7 @@ pub(crate) struct EvidenceWeights {
     /// beside it that are no other edges: where 1,960 sides of the learning and choosing seeds were measured (log-likelihood a side 0.260
     /// without it, 0.301 with 3, 0.309 with 4). More: the strongest edge wins more often.
     strength_beside: f64,
-    /// Least strength of which a power is taken.
+    /// Least strength of which a power is taken. More: a line without an edge loses less to those beside it.
     least_strength_beside: f64,
 }
 
@@ -150,6 +152,7 @@ impl Default for EvidenceWeights {
 /// Which lines of the picture are looked at, and how. Where no reason stands, there is no record of how a value was chosen.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LineSettings {
+    /// What all that is seen of them counts.
     pub weights: EvidenceWeights,
     /// Lines of a side that are found, and that are kept whatever the network of sides says. More: slower.
     found_lines: usize,
@@ -210,15 +213,15 @@ impl LineSettings {
     };
 }
 
-/// All that can speak for a line.
-pub(crate) struct Evidence<'a> {
-    pub frame: &'a Frame,
 impl Default for LineSettings {
     fn default() -> Self {
         Self::DEFAULT
     }
 }
 
+/// All that can speak for a line.
+pub(crate) struct Evidence<'a> {
+    pub frame: &'a Frame,
     pub calibration: &'a Calibration,
     /// The outline's raster on the plane of the stripes.
     pub raster: &'a PlaneRaster,

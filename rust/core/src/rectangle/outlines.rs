@@ -29,9 +29,10 @@ pub(crate) struct Pair {
     pub probability: f64,
 }
 
-/// How lines become outlines, and how sure one is.
+/// How lines become outlines, and how sure one is. Where no reason stands, there is no record of how a value was chosen.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct OutlineSettings {
+    /// Which lines a side may be, and what speaks for each.
     pub lines: LineSettings,
     /// Lines nearer than this are the same side, px: what lies between is decided where the edge is measured. More: rivals beside the right
     /// line are not counted.
@@ -40,13 +41,15 @@ pub(crate) struct OutlineSettings {
     /// two judges give it who do not know each other, all evidence but the network of sides and that network, of a pixel's size on the
     /// face, mm, of what the stripes' light says, and of the logarithm of what all of it together leaves for other lines. Each judge is too
     /// sure of itself where it errs, and lines so many px apart are farther apart on a far face; fitted to 6,408 sides of rendered boxes of
-    /// the learning and the choosing seeds, right where the measured side is within 5 mm (`training/weights.py`).
+    /// the learning and the choosing seeds, right where the measured side is within 5 mm (`training/weights.py`). A weight
+    /// that is larger than fitted makes sides too sure that its judge is sure of.
     sure: [f64; 6],
     /// A side on which all evidence but the network of sides favours another line is no surer than this: 16 of 16 that the network saw at
     /// 0.9 or more are right, of which no more than (16 + 1) / (16 + 2) is learned (Laplace's rule of succession).
     /// More: sides on which the judges differ are too sure.
     sure_against_others: f64,
-    /// The same as `sure` without a network: one judge (`training/weights_alone.py`, the learning and the choosing seeds).
+    /// The same as `sure` without a network: one judge (`training/weights_alone.py`, the learning and the choosing seeds). Larger ones do the
+    /// same.
     sure_alone: [f64; 6],
     /// What is left for other lines counts from this on: no model is surer. More: clear sides are less sure.
     least_left: f64,
@@ -73,15 +76,15 @@ impl OutlineSettings {
     };
 }
 
-/// Lines of a side that are the same.
-#[derive(Clone, Copy, Debug)]
-struct Choice {
 impl Default for OutlineSettings {
     fn default() -> Self {
         Self::DEFAULT
     }
 }
 
+/// Lines of a side that are the same.
+#[derive(Clone, Copy, Debug)]
+struct Choice {
     offset_mm: f64,
     probability: f64,
 }

@@ -37,11 +37,14 @@ const IMPOSSIBLE: f64 = -500.0;
 /// What is known of a light before looking.
 #[derive(Clone, Copy, Debug)]
 struct Spread {
+    /// Over the light on the face. A wrong one moves sharp edges.
     mean: f64,
+    /// Its standard deviation. More explains any profile, also print.
     sigma: f64,
 }
 
-/// How profiles are taken, with which arcs they are compared, and how far a comparison is believed.
+/// How profiles are taken, with which arcs they are compared, and how far a comparison is believed. Where no reason stands, there is no record of how
+/// a value was chosen.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct RoundingSettings {
     /// Profiles go this far to where there is box, mm: the largest rounding, blurred, and some of a flat face; bounds in px. More meets print.
@@ -66,7 +69,7 @@ pub(crate) struct RoundingSettings {
     /// Places of the sharp edge that are tried, in sigmas of what the radius alone tells. More is coarser and lets a profile draw
     /// the edge farther away.
     places_sigmas: f64,
-    /// Blur of lens, motion and demosaicing that is tried, px.
+    /// Blur of lens, motion and demosaicing that is tried, px, one standard deviation. Wider ones take longer and explain a wide arc as blur.
     blurs_px: [f64; 3],
     /// ... its median, px, and the scatter of its logarithm. A larger median takes rounded edges for blurred sharp ones, a larger scatter lets
     /// profiles tell less of the radius.
@@ -76,7 +79,7 @@ pub(crate) struct RoundingSettings {
     /// on the brighter one of two): what rooms and yards have (`rust/sim/src/points/rounding.rs`). Larger sigmas explain anything, also print.
     turned: Spread,
     even: Spread,
-    /// The light on a neighbouring face that is in view: anything.
+    /// The light on a neighbouring face that is in view: anything. A smaller sigma takes a bright or a black neighbour for print.
     in_view: Spread,
     /// Turns of the arc at which lamps rise, and their light. A larger sigma explains print by lamps.
     rises_rad: [f64; RISES],

@@ -16,7 +16,9 @@ pub(crate) struct Correction {
 /// Where the strongest gradient of an edge lies: this share of its radius inside the sharp edge, and the scatter of that.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Rule {
+    /// A larger one makes boxes larger.
     pub share: f64,
+    /// One standard deviation. A larger one makes shading and stripes' ends count for more.
     pub share_sigma: f64,
 }
 

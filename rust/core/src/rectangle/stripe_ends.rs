@@ -22,7 +22,7 @@ pub(crate) struct StripeEnds {
     pub mm_per_px: f64,
 }
 
-/// How a stripe's end is looked for at a line.
+/// How a stripe's end is looked for at a line. Where no reason stands, there is no record of how a value was chosen.
 #[derive(Clone, Copy, Debug)]
 struct StripeEndSettings {
     /// The stripe is looked at from so far inside the side's line to so far beyond it, px along it. More meets print and other ends.
@@ -35,11 +35,13 @@ struct StripeEndSettings {
     middle: StripeWidth,
     /// Where its surroundings begin. More compares with what lies on other print, less takes its own light for that of its surroundings.
     beside: StripeWidth,
-    /// Surroundings are so wide, px.
+    /// Surroundings are so wide, px. More averages noise away and takes in other print.
     surroundings_px: usize,
-    /// A stripe that runs on so far beyond the line, px ... More takes one that runs on over a neighbouring face for the face's own.
+    /// An end that is farther beyond the line, px, counts only if the stripe is straight up to it: on the floor or a neighbouring face it bends away.
+    /// More lets an end on a neighbouring face count unchecked.
     runs_on_px: f64,
-    /// ... must do so straight: within so many px of where it was inside. More does the same, less loses ends of faces that bow.
+    /// Straight: the stripe's mean place across itself is beyond the line within so many px of where it is inside. More lets ends on a
+    /// neighbouring face count, less loses ends of faces that bow.
     bent_px: f64,
     /// A step counts that is this many times the scatter of single samples and leaves less than this share of the light: of ends of
     /// rendered stripes 7 in 10 do, and where two of a side do and agree, 1 in 50 of these pairs is more than 6 px off. A higher step and a

@@ -22,12 +22,15 @@ struct CutWeights {
     /// Weight of ln(p + `least_not_in_view`); p is the probability that the side is outside the picture, by the network of sides. More lets a
     /// small p decide against the other clues, and cut faces be measured.
     by_network: f64,
+    /// Added to p, so that p = 0 is no certainty. More lets the network say less against a cut. There is no record of how it was chosen.
     least_not_in_view: f64,
-    /// Of what the light says.
+    /// Weight of the logarithm of the likelihood ratio that the stripes' light goes on in the face's plane to the border. More lets light on a
+    /// flush neighbour refuse whole faces.
     by_light: f64,
-    /// Of the logarithm of the odds that the map of faces gives what is beyond, and the least share on either hand that is believed:
-    /// more lets a sure map say less.
+    /// Weight of the logarithm of the odds of m, the share of the way to the border that the network's map gives to the face. More lets an error
+    /// of the map refuse whole faces.
     by_mask: f64,
+    /// Added to m and to 1 - m, so that neither 0 nor 1 is a certainty. More lets a sure map say less. There is no record of how it was chosen.
     least_mask: f64,
 }
 

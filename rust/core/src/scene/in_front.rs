@@ -18,7 +18,7 @@ use crate::statistics::robust_sigma_f32;
 use crate::stripe::stripe_line::{ScanDirection, StripeLine};
 use crate::units::{LaserId, Px};
 
-/// How light in front of a face is looked for, and what of it is an object's.
+/// How light in front of a face is looked for, and what of it is an object's. Where no reason stands, there is no record of how a value was chosen.
 #[derive(Clone, Copy, Debug)]
 struct InFrontSettings {
     /// Light is looked for from so far inside a side's line to so far beyond it, rows (or columns) along the stripe. More takes longer, and
@@ -32,7 +32,7 @@ struct InFrontSettings {
     middle: StripeWidth,
     /// Where its surroundings begin. More compares with what lies on other print, less takes its own light for that of its surroundings.
     beside: StripeWidth,
-    /// Surroundings are so wide, px.
+    /// Surroundings are so wide, px. More averages noise away and takes in other print.
     surroundings_px: i32,
     /// Light over scatter from which a row speaks for a stripe. More loses faint light, less joins noise to a piece.
     even_odds_light: f32,

@@ -23,7 +23,9 @@ use crate::units::{LaserId, Px};
 /// A width in half widths of a stripe's foot, with bounds in px.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct StripeWidth {
+    /// In half widths of the stripe's foot.
     pub share: f64,
+    /// Bounds, px: the width of a stripe is measured, and may be wrong. Narrower ones trust it less.
     pub least_px: f64,
     pub most_px: f64,
 }
@@ -34,7 +36,7 @@ impl StripeWidth {
     }
 }
 
-/// How a stripe's light is looked at, and what it says.
+/// How a stripe's light is looked at, and what it says. Where no reason stands, there is no record of how a value was chosen.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LightSettings {
     /// Half width of the stripe's middle. More takes in its dimmer flanks, less scatters more.
@@ -57,7 +59,7 @@ pub(crate) struct LightSettings {
     pub(super) nearest_px: f64,
     /// ... to any of these, since single rows may lie on anything. More looks past other edges.
     ends_px: [f64; 4],
-    /// ... and for a verdict.
+    /// ... and to this place for a verdict. More meets other edges, less leaves more sides without one.
     verdict_px: f64,
     /// A verdict needs odds of 150 to 1 if rows were independent; a stripe's speckle makes neighbours alike (`stripe/centres`): some 10 to 1.
     /// More leaves more sides without one.

@@ -55,7 +55,7 @@ pub(crate) struct StripeCentre {
     pub amplitude: f64,
 }
 
-/// How to follow a stripe.
+/// How to follow a stripe. Where no reason stands, there is no record of how a value was chosen.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CentreSettings {
     /// Rows per profile. More see fainter light and blur the ends of the stripe.
@@ -66,9 +66,10 @@ pub(crate) struct CentreSettings {
     pub min_signal_to_noise: f64,
     /// Half the width of the stripe at its foot across it, px. Less cuts the stripe, more takes in what lies beside it.
     pub half_width_px: f64,
-    /// In which mixture of colours.
+    /// In which mixture of colours: [`measure_projections`](super::colour_projection::measure_projections) finds the one in which the stripe
+    /// stands out.
     pub projection: ColourProjection,
-    /// How the centre is found.
+    /// How the centre is found (`decisions/0003-stripe-centre.md`).
     pub estimator: Estimator,
     /// Across how much each profile is averaged before a peak is looked for, px; 0 for none. More finds fainter light (a stripe
     /// is then judged by all of its width) and blurs a clear one.

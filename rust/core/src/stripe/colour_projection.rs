@@ -38,25 +38,28 @@ impl ColourProjection {
     }
 }
 
-/// Settings of the measurement.
+/// Settings of the measurement. Where no reason stands, there is no record of how a value was chosen.
 #[derive(Clone, Debug)]
 struct ProjectionSettings {
-    /// The stripe's middle, px across: a stripe is 8 to 20 px wide at its foot, its place is known to 4 px here.
+    /// The stripe's middle, px across: a stripe is 8 to 20 px wide at its foot, its place is known to 4 px here. Wider takes
+    /// in its flanks and what lies beside, narrower misses a stripe that is not quite there.
     middle_px: RangeInclusive<i32>,
     /// What lies beside it, px to either side. Nearer has the stripe's own light, farther other things.
     beside_px: RangeInclusive<i32>,
     /// Noise of the mean of such a range that is always there, grey levels: JPEG's steps. More gives each colour more equal weight.
     floor: f64,
-    /// What red laser light does to a camera if the picture tells nothing, grey levels: mostly red, some of it seen by green and blue.
+    /// What red laser light does to a camera if the picture tells nothing, grey levels: mostly red, some of it seen by green and blue. Added
+    /// to what is seen: a longer one believes faint stripes' own colour less.
     laser: Vector3<f64>,
-    /// Every so many rows is looked at.
+    /// Every so many rows is looked at. More is quicker and leaves short pieces with laser response.
     row_step: usize,
     /// Rows that are enough to believe the picture. More leaves short pieces with laser response.
     fewest: usize,
     /// Share of the rows, those with the least difference between both sides, that tell the noise: a letter that is crossed is none, but fine
-    /// print and texture are.
+    /// print and texture are. More takes letters for noise, less finds less noise than there is.
     quiet_share: f64,
-    /// A piece on which the stripe is less than this share as high as usual lies on print for the most part, and has the usual step instead.
+    /// A piece on which the stripe is less than this share as high as usual lies on print for the most part, and has the usual step instead. More
+    /// gives up the own colour of faint stripes, less takes that of print.
     least_step: f64,
 }
 

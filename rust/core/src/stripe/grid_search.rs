@@ -30,7 +30,8 @@ impl GridHypothesis {
     }
 }
 
-/// Settings of the search, of its last step and of the check for a missing stripe.
+/// Settings of the search, of its last step and of the check for a missing stripe. Where no reason stands, there is no record of how a value was
+/// chosen.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct GridSearchSettings {
     /// Nearest and farthest crossing that is searched, mm. The paper's range of sizes needs 350 to 2450 mm; beyond, the grid does not fit the
@@ -48,9 +49,9 @@ pub(crate) struct GridSearchSettings {
     /// Distance of samples in a first look at each segment, px; straight, since distortion bends a segment by 3 px at most. Larger is quicker
     /// and drops faint stripes, since fewer samples scatter more.
     pub coarse_px: f32,
-    /// What a segment needs in the ridge maps.
+    /// What a segment needs in the ridge maps. Larger values lose faint stripes, smaller ones find planes in noise.
     pub clear: SegmentThresholds,
-    /// What it needs in the maps for faint stripes.
+    /// What it needs in the maps for faint stripes. Larger and smaller values do the same.
     pub faint: SegmentThresholds,
     /// Sigmas of ridge that one unit of the network's log-odds is worth ...
     pub sigmas_per_logit: f32,
@@ -60,7 +61,8 @@ pub(crate) struct GridSearchSettings {
     /// Two planes are one if no crossing differs by more levels than this (6 levels are 24 px). More loses a second face beside the first, fewer
     /// fills the list with one plane.
     pub same_levels: usize,
-    /// Steps in which a plane is moved to where its evidence is largest, px: from the search's own down to what a ridge map shows.
+    /// Steps in which a plane is moved to where its evidence is largest, px: from the search's own down to what a ridge map shows. Larger ones end
+    /// beside the best place, more of them take longer.
     pub climb_px: [f64; 4],
     /// Distance of samples there, px. Larger is quicker and less exact.
     pub climb_sample_px: f32,
@@ -70,7 +72,7 @@ pub(crate) struct GridSearchSettings {
     /// ... the strength of the full segment and of both partial ones that shows three stripes on one plane, sigmas (3 at most). A larger one says
     /// `no_box` where one stripe is missing, a smaller one blames a laser where there is no box.
     pub three_strength: f32,
-    /// ... the mean of a first look below which a segment is not looked at again, sigmas; it scatters by 0.3.
+    /// ... the mean of a first look below which a segment is not looked at again, sigmas; it scatters by 0.3. More is quicker and misses segments.
     pub three_coarse: f32,
     /// ... and how many of the strongest full segments are followed up. More takes longer.
     pub three_keep: usize,
@@ -79,11 +81,11 @@ pub(crate) struct GridSearchSettings {
 /// What a segment must have, sigmas of its map. Larger values lose faint stripes, smaller ones find planes in noise.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SegmentThresholds {
-    /// Mean in the first look.
+    /// Mean in the first look; a weaker segment is not looked at again.
     coarse: f32,
     /// Mean; a weaker segment starts no plane.
     segment: f32,
-    /// Mean of the four.
+    /// Mean of the four; a weaker plane is none.
     total: f32,
 }
 
