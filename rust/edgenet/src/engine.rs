@@ -112,6 +112,13 @@ impl Engine {
         self.input_shape.iter().product()
     }
 
+    /// Lets it work in the memory of another engine: less is held, and the two are not asked at the same time on one thread.
+    pub(crate) fn share_memory(&mut self, other: &Self) {
+        if let (Loaded::Embedded(own), Loaded::Embedded(other)) = (&mut self.loaded, &other.loaded) {
+            own.share_memory(other);
+        }
+    }
+
     /// Runs the network on an input: one channel after the other, rows top to bottom. Gives the values of the output, laid out like it.
     ///
     /// # Errors

@@ -158,13 +158,15 @@ impl EdgeNet {
         }
         // Too small for more than one thread.
         let single = Options { threads: NonZeroUsize::MIN, ..options.clone() };
-        let lines = Engine::load(&halves::unpacked(LINES), STRIP[0], &single)
+        let mut lines = Engine::load(&halves::unpacked(LINES), STRIP[0], &single)
             .map_err(|e| e.in_context("embedded network of lines"))?;
         // ONNX Runtime answers one question at a time, with all threads. The engine inside is better asked several at a time.
         let at_a_time = if engine.is_embedded() { options.threads.get() } else { 1 };
         let options = if at_a_time > 1 { &single } else { options };
-        let sides = Engine::load(&halves::unpacked(SIDES), VIEW[0], options)
+        let mut sides = Engine::load(&halves::unpacked(SIDES), VIEW[0], options)
             .map_err(|e| e.in_context("embedded network of sides"))?;
+        lines.share_memory(&engine);
+        sides.share_memory(&engine);
         Ok(Self { maps: engine, lines, sides, at_a_time })
     }
 

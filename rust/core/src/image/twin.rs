@@ -214,9 +214,10 @@ fn moved(p: &SVector<f64, UNKNOWNS>, at: Vector2<f64>) -> Vector2<f64> {
 }
 
 /// How the unlit value at a place changes with all ten numbers, from how it changes along both axes.
-fn row_of(p: &SVector<f64, UNKNOWNS>, sample: &Sample, half: f64) -> SVector<f64, UNKNOWNS> {
-    let (at, to) = (sample.at, moved(p, sample.at));
-    let w = (1.0 + p[8]) * half / (1.0 + p[6] * at.x + p[7] * at.y);
+fn row_of(p: &SVector<f64, UNKNOWNS>, sample: &Sample, lit: &Grey) -> SVector<f64, UNKNOWNS> {
+    let at = lit.unit(sample.column(), sample.row());
+    let to = moved(p, at);
+    let w = (1.0 + p[8]) * lit.half() / (1.0 + p[6] * at.x + p[7] * at.y);
     let slope = sample.slope * w;
     let outwards = -slope.dot(&to);
     [
@@ -244,8 +245,17 @@ struct Sample {
     slope: Vector2<f64>,
     /// What it is without gain and level.
     unlit: f64,
-    at: Vector2<f64>,
-    pixel: [usize; 2],
+    pixel: [u16; 2],
+}
+
+impl Sample {
+    fn column(&self) -> usize {
+        usize::from(self.pixel[0])
+    }
+
+    fn row(&self) -> usize {
+        usize::from(self.pixel[1])
+    }
 }
 
 /// Pixels of two pictures, laid over each other: one of so many along both axes.
@@ -262,7 +272,8 @@ fn samples(
         let (unlit, slope) = (weight > settings.least_weight).then(|| off.at(moved(p, at)))??;
         let value = f64::from(lit.values[pixel[1] * lit.width + pixel[0]]);
         let residual = value - (1.0 + p[8]) * unlit - p[9];
-        Some(Sample { residual, weight, slope, unlit, at, pixel })
+        // Half a million of them: pictures have fewer than 65,536 rows and columns.
+        Some(Sample { residual, weight, slope, unlit, pixel: pixel.map(|at| at as u16) })
     };
     let rows = (0..lit.height).step_by(every);
     rows.flat_map(|y| (0..lit.width).step_by(every).filter_map(move |x| of([x, y]))).collect()
@@ -290,7 +301,7 @@ fn register(lit: &Frame, off: &Frame, settings: &TwinSettings) -> Registration {
                 let weight = s.weight
                     / (1.0 + (s.residual / (settings.half_weight * scatter)).powi(2))
                     / scatter.powi(2);
-                let row = row_of(&p, s, lit.half());
+                let row = row_of(&p, s, lit);
                 normal.ger(weight, &row, &row, 1.0);
                 right.axpy(weight * s.residual, &row, 1.0);
             }
@@ -315,7 +326,7 @@ fn shift_left(lit: &Grey, samples: &[Sample], settings: &TwinSettings) -> Option
     let columns = lit.width.div_ceil(block);
     let mut blocks = vec![(Matrix2::zeros(), Vector2::zeros()); columns * lit.height.div_ceil(block)];
     for s in samples.iter().filter(|s| s.weight > 0.3) {
-        let (normal, right) = &mut blocks[s.pixel[1] / block * columns + s.pixel[0] / block];
+        let (normal, right) = &mut blocks[s.row() / block * columns + s.column() / block];
         // What the lasers add, or what moves otherwise, is no shift.
         let weight = 1.0 / (1.0 + (s.residual / (settings.half_weight * scatter)).powi(2));
         *normal += weight * s.slope * s.slope.transpose();
@@ -343,10 +354,8 @@ fn variance_left(lit: &Grey, samples: &[Sample], least_scatter: f64) -> f64 {
         let total: f64 = values.iter().map(|(_, weight)| weight).sum();
         values.iter().map(|(value, weight)| value * weight).sum::<f64>() / total.max(f64::MIN_POSITIVE)
     };
-    let values: Vec<(f64, f64)> = samples
-        .iter()
-        .map(|s| (f64::from(lit.values[s.pixel[1] * lit.width + s.pixel[0]]), s.weight))
-        .collect();
+    let values: Vec<(f64, f64)> =
+        samples.iter().map(|s| (f64::from(lit.values[s.row() * lit.width + s.column()]), s.weight)).collect();
     let level = mean(&values);
     let all =
         mean(&values.iter().map(|(value, weight)| ((value - level).powi(2), *weight)).collect::<Vec<_>>());

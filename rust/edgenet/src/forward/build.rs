@@ -9,7 +9,7 @@ use crate::onnx::{Data, Graph, Model, Node, Tensor, bad};
 use boxline::Error;
 use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
-use std::sync::Mutex;
+use std::sync::Arc;
 
 /// Values of all arrays together, at most.
 const MOST_TOGETHER: usize = 1 << 27;
@@ -354,7 +354,9 @@ impl Builder {
             }
         }
         let result = source(&result, &homes)?;
-        Ok(Plan { steps, result, buffers, shapes, threads, idle: Mutex::new(Vec::new()) })
+        let mut plan = Plan { steps, result, buffers, shapes, threads, idle: Arc::default() };
+        plan.largest_buffers_first();
+        Ok(plan)
     }
 }
 

@@ -14,7 +14,7 @@ use crate::onnx::Model;
 use boxline::Error;
 use conv::Scratch;
 use ops::Op;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Values of one array, at most: a map of full width of the paper's network has 13 million.
 const MOST_VALUES: usize = 1 << 25;
@@ -30,12 +30,12 @@ pub(crate) fn len_of(sizes: &[usize]) -> Option<usize> {
 pub(crate) struct Plan {
     steps: Vec<Step>,
     result: Source,
-    /// Values that each buffer must hold. Arrays that are never needed at the same time share one.
+    /// Values that each buffer must hold, the largest first. Arrays that are never needed at the same time share one.
     buffers: Vec<usize>,
     shapes: [[usize; 4]; 2],
     threads: usize,
     /// Memory of runs that are over, for the next ones: fresh pages would cost more time than some of the steps.
-    idle: Mutex<Vec<Memory>>,
+    idle: Arc<Mutex<Vec<Memory>>>,
 }
 
 struct Step {
@@ -54,6 +54,7 @@ enum Source {
 }
 
 /// What a run works with.
+#[derive(Default)]
 struct Memory {
     buffers: Vec<Vec<f32>>,
     scratch: Vec<Scratch>,
@@ -68,17 +69,38 @@ impl Plan {
         build::plan(Model::from_bytes(model)?, channels, threads)
     }
 
+    /// Numbers the buffers by their size, so that those of another network fit into them.
+    fn largest_buffers_first(&mut self) {
+        let mut order: Vec<usize> = (0..self.buffers.len()).collect();
+        order.sort_by_key(|number| std::cmp::Reverse(self.buffers[*number]));
+        let mut number_of = vec![0; order.len()];
+        order.iter().enumerate().for_each(|(new, old)| number_of[*old] = new);
+        self.buffers = order.iter().map(|old| self.buffers[*old]).collect();
+        for step in &mut self.steps {
+            step.output = number_of[step.output];
+        }
+        let sources = self.steps.iter_mut().flat_map(|step| &mut step.inputs).chain([&mut self.result]);
+        for source in sources {
+            if let Source::Buffer(number, _) = source {
+                *number = number_of[*number];
+            }
+        }
+    }
+
     pub const fn shapes(&self) -> [[usize; 4]; 2] {
         self.shapes
+    }
+
+    /// From now on uses the memory of another network's runs, which are not at the same time on one thread.
+    pub fn share_memory(&mut self, other: &Self) {
+        self.idle = Arc::clone(&other.idle);
     }
 
     /// The output for an input of the right length.
     pub fn run(&self, input: &[f32]) -> Vec<f32> {
         let idle = self.idle.lock().unwrap_or_else(PoisonError::into_inner).pop();
-        let mut memory = idle.unwrap_or_else(|| Memory {
-            buffers: self.buffers.iter().map(|len| vec![0.0; *len]).collect(),
-            scratch: (0..self.threads).map(|_| Scratch::default()).collect(),
-        });
+        let mut memory = idle.unwrap_or_default();
+        memory.make_room(&self.buffers, self.threads);
         if self.threads > 1 {
             // On a thread of the pool, from which others take their part without a detour for each step.
             rayon::scope(|_| self.take_steps(input, &mut memory));
@@ -96,10 +118,21 @@ impl Plan {
             {
                 let inputs: Vec<&[f32]> =
                     step.inputs.iter().map(|source| source.values(input, &memory.buffers)).collect();
-                step.op.run(&inputs, &mut out[..step.len], &mut memory.scratch);
+                step.op.run(&inputs, &mut out[..step.len], &mut memory.scratch[..self.threads]);
             }
             memory.buffers[step.output] = out;
         }
+    }
+}
+
+impl Memory {
+    fn make_room(&mut self, buffers: &[usize], threads: usize) {
+        self.buffers.resize_with(self.buffers.len().max(buffers.len()), Vec::new);
+        for (buffer, len) in self.buffers.iter_mut().zip(buffers).filter(|(buffer, len)| buffer.len() < **len)
+        {
+            *buffer = vec![0.0; *len]; // anew: what an old run left is not copied
+        }
+        self.scratch.resize_with(self.scratch.len().max(threads), Scratch::default);
     }
 }
 
