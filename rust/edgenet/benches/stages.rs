@@ -1,20 +1,22 @@
-//! Time of each stage and of the whole way on recorded frames, without network: `cargo bench -p boxline`. A stage's time is what
-//! the pipeline itself notes while it measures a face, so each is timed on the data that it really gets. What the times mean
-//! and where they go: `rust/SPEED.md`.
+//! Time of each stage and of the whole way on recorded frames, on one thread, with the networks that ship and without:
+//! `cargo bench -p boxline-edgenet`. A stage's time is what the pipeline itself notes while it measures a face, so each is timed on the data
+//! that it really gets. What the times mean and where they go: `rust/SPEED.md`.
 
 #![allow(missing_docs)] // of the function that criterion_group! makes
 
 use boxline::{Calibration, EdgeMethod, Frame, Settings, measure_box, measure_face};
+use boxline_edgenet::{EdgeNet, Options};
 use boxline_proto::json::{read_calibration, read_recording};
 use criterion::{Criterion, criterion_group, criterion_main};
 use std::hint::black_box;
+use std::num::NonZeroUsize;
 use std::path::Path;
 use std::time::Duration;
 
 /// Small and near; ordinary; large and far.
 const RECORDINGS: [&str; 3] = ["b01", "b02", "b04"];
 /// As the pipeline names them.
-const STAGES: [&str; 6] = ["ridge", "grid", "stripes", "sides", "edges", "fit"];
+const STAGES: [&str; 8] = ["network", "ridge", "grid", "stripes", "outline", "sides", "edges", "fit"];
 
 /// The calibration and both JPEGs of a recording.
 fn recording(name: &str) -> (Calibration, [Vec<u8>; 2]) {
@@ -29,11 +31,19 @@ fn recording(name: &str) -> (Calibration, [Vec<u8>; 2]) {
 }
 
 fn stages(criterion: &mut Criterion) {
-    let settings = Settings { edges: EdgeMethod::Gradient, ..Settings::default() };
+    let one_thread = Options { threads: NonZeroUsize::MIN, ..Options::default() };
+    let network = EdgeNet::embedded(&one_thread).expect("it is in the program");
+    let default = Settings { network: Some(&network), ..Settings::default() };
+    let alone = Settings { edges: EdgeMethod::Gradient, ..Settings::default() };
+    time_with(criterion, "", &default);
+    time_with(criterion, " without network", &alone);
+}
+
+fn time_with(criterion: &mut Criterion, how: &str, settings: &Settings) {
     for name in RECORDINGS {
         let (calibration, jpegs) = recording(name);
         let frame = Frame::from_jpeg(&jpegs[0]).expect("a whole JPEG");
-        let mut group = criterion.benchmark_group(name);
+        let mut group = criterion.benchmark_group(format!("{name}{how}"));
         group.sample_size(10);
         group.bench_function("decode_jpeg", |bench| bench.iter(|| Frame::from_jpeg(black_box(&jpegs[0]))));
         for stage in STAGES {
@@ -41,7 +51,7 @@ fn stages(criterion: &mut Criterion) {
                 bench.iter_custom(|rounds| {
                     let mut nanos = 0;
                     for _ in 0..rounds {
-                        let face = measure_face(black_box(&frame), &calibration, &settings);
+                        let face = measure_face(black_box(&frame), &calibration, settings);
                         let report = black_box(face).expect("the sizes fit");
                         nanos += report
                             .times
@@ -59,7 +69,7 @@ fn stages(criterion: &mut Criterion) {
             bench.iter(|| {
                 let [a, b] =
                     jpegs.each_ref().map(|bytes| Frame::from_jpeg(black_box(bytes)).expect("a whole JPEG"));
-                measure_box(&[&a, &b], &calibration, &settings)
+                measure_box(&[&a, &b], &calibration, settings)
             });
         });
         group.finish();
