@@ -49,10 +49,9 @@ struct HintSettings {
     step_cost: f64,
     /// Smaller angles than this are no instruction, rad: 2 degrees. More leaves out moves that would help.
     least_angle_rad: f64,
-    /// By how much to aim where only the direction is known, rad: a tenth of the field of view. More may lose the face at the other border.
+    /// By how much to aim where only the direction is known, rad: a tenth of the field of view, and half of it beside a move closer. More may lose
+    /// the face at the other border.
     blind_aim_rad: f64,
-    /// ... and for a stripe that passes beside the face, half of that, beside a move closer. The same.
-    blind_aside_rad: f64,
 }
 
 impl HintSettings {
@@ -63,7 +62,6 @@ impl HintSettings {
         step_cost: 0.02,
         least_angle_rad: 0.035,
         blind_aim_rad: 0.1,
-        blind_aside_rad: 0.05,
     };
 }
 
@@ -120,7 +118,7 @@ impl Hint {
 
     /// From the refusal alone.
     fn blind(calibration: &Calibration, reject: &Reject) -> Option<Self> {
-        let HintSettings { blind_aim_rad, blind_aside_rad, .. } = HintSettings::DEFAULT;
+        let HintSettings { blind_aim_rad, .. } = HintSettings::DEFAULT;
         let aim_at = |px: Px| {
             let x = (px.u / f64::from(calibration.width_px()) - 0.5) * 2.0;
             let y = (px.v / f64::from(calibration.height_px()) - 0.5) * 2.0;
@@ -136,7 +134,7 @@ impl Hint {
                 let [l1, _, _, l4] = LaserId::ALL;
                 // Stripes 1 and 4 are the right ones of their pairs: the face lies to their left.
                 let right = if *laser == l1 || *laser == l4 { -1.0 } else { 1.0 };
-                vec![Move::Closer(None), Move::Aim { right_rad: right * blind_aside_rad, down_rad: 0.0 }]
+                vec![Move::Closer(None), Move::Aim { right_rad: right * blind_aim_rad * 0.5, down_rad: 0.0 }]
             }
             _ => return None,
         };

@@ -272,7 +272,7 @@ fn samples(
         let (unlit, slope) = (weight > settings.least_weight).then(|| off.at(moved(p, at)))??;
         let value = f64::from(lit.values[pixel[1] * lit.width + pixel[0]]);
         let residual = value - (1.0 + p[8]) * unlit - p[9];
-        // Half a million of them: pictures have fewer than 65,536 rows and columns.
+        // In 16 bits, since there are up to 300,000 of them: a picture has at most 16,384 rows and columns.
         Some(Sample { residual, weight, slope, unlit, pixel: pixel.map(|at| at as u16) })
     };
     let rows = (0..lit.height).step_by(every);

@@ -51,7 +51,7 @@ pub(crate) struct GridSearchSettings {
     pub coarse_px: f32,
     /// What a segment needs in the ridge maps. Larger values lose faint stripes, smaller ones find planes in noise.
     pub clear: SegmentThresholds,
-    /// What it needs in the maps for faint stripes. Larger and smaller values do the same.
+    /// ... and in the maps for faint stripes.
     pub faint: SegmentThresholds,
     /// Sigmas of ridge that one unit of the network's log-odds is worth ...
     pub sigmas_per_logit: f32,
